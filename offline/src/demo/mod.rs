@@ -1,0 +1,178 @@
+//! A measured demonstration: what was held where, and what the cameras saw. Folder format
+//! `genorm-demo/1`; SI units, z up, rope arc length s from its start (0) to its end (length).
+
+use serde::{Deserialize, Serialize};
+
+/// Name and version of the folder format.
+pub const FORMAT: &str = "genorm-demo/1";
+
+/// Which experiment was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SceneKind {
+    /// Rope straight on the table, one end gripped and lifted.
+    Lift,
+    /// Rope hangs from a fixed clamp, its bottom end is dragged and released.
+    Swing,
+    /// Any clamps on given paths.
+    Free,
+}
+
+/// An end of the rope.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RopeEnd {
+    /// s = 0.
+    Start,
+    /// s = length.
+    End,
+}
+
+/// The rope as measured by hand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RopeSpec {
+    /// Length, m.
+    pub length_m: f64,
+    /// Diameter, m.
+    pub diameter_m: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Direction of the straight rope at the first clamp sample, from start to end.
+    #[serde(default = "along_x")]
+    pub direction: [f64; 3],
+}
+
+fn along_x() -> [f64; 3] {
+    [1.0, 0.0, 0.0]
+}
+
+/// The table under the rope.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TableSpec {
+    /// Height of the table's surface, m.
+    pub height_m: f64,
+    /// Declared Coulomb coefficient between rope and table.
+    #[serde(default = "paper_friction")]
+    pub friction: f64,
+}
+
+fn paper_friction() -> f64 {
+    0.5
+}
+
+/// One gripped end. Its pose samples stand in `clamp_<index>.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClampSpec {
+    /// Which end is gripped.
+    pub end: RopeEnd,
+    /// Length of rope inside the grip, m.
+    pub grip_m: f64,
+}
+
+/// A depth camera. The optical frame has z forward, x right, y down.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSpec {
+    /// Name for messages.
+    pub name: String,
+    /// Optical centre in the world, m.
+    pub position_m: [f64; 3],
+    /// Rotation from the optical frame to the world, (x, y, z, w).
+    pub quaternion_xyzw: [f64; 4],
+    /// Image width, pixels.
+    pub width_px: u32,
+    /// Image height, pixels.
+    pub height_px: u32,
+    /// Focal lengths (fx, fy), pixels.
+    pub focal_px: [f64; 2],
+    /// Principal point (cx, cy), pixels.
+    pub centre_px: [f64; 2],
+}
+
+/// The file `demo.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DemoSpec {
+    /// Must be [`FORMAT`].
+    pub format: String,
+    /// Which experiment.
+    pub scene: SceneKind,
+    /// Declared standard deviation of one measured point along each axis, m.
+    pub noise_m: f64,
+    /// Free text.
+    #[serde(default)]
+    pub notes: String,
+    /// The rope.
+    pub rope: RopeSpec,
+    /// The table.
+    pub table: TableSpec,
+    /// Gripped ends, in the order of the clamp files.
+    #[serde(default)]
+    pub clamps: Vec<ClampSpec>,
+    /// Cameras that made the clouds.
+    #[serde(default)]
+    pub cameras: Vec<CameraSpec>,
+}
+
+/// One sample of a clamp path: the pose of the rope's end point on its axis (s = 0 or s = length).
+/// The gripped piece moves rigidly with the pose, relative to the first sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClampSample {
+    /// Time, s.
+    pub t_s: f64,
+    /// Position, m.
+    pub position_m: [f64; 3],
+    /// Orientation (x, y, z, w); identity where the file has no quaternion columns.
+    pub quaternion_xyzw: [f64; 4],
+    /// Whether the clamp holds the rope.
+    pub closed: bool,
+}
+
+/// What the cameras saw at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CloudFrame {
+    /// Time, s.
+    pub t_s: f64,
+    /// Points on the rope's visible surface, m.
+    pub points_m: Vec<[f64; 3]>,
+}
+
+/// A labelled point on the rope's axis at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerSample {
+    /// Time, s.
+    pub t_s: f64,
+    /// Label.
+    pub marker: String,
+    /// Arc length, m.
+    pub s_m: f64,
+    /// Position, m.
+    pub position_m: [f64; 3],
+}
+
+/// Measurements of the rope.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Observations {
+    /// Point clouds in time order.
+    Clouds(Vec<CloudFrame>),
+    /// Labelled points in time order.
+    Markers(Vec<MarkerSample>),
+}
+
+/// A demonstration, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Demo {
+    /// Name: the folder's last component.
+    pub name: String,
+    /// `demo.toml`.
+    pub spec: DemoSpec,
+    /// Measured (else commanded) path of each clamp.
+    pub clamps: Vec<Vec<ClampSample>>,
+    /// Commanded path of each clamp where both were recorded.
+    pub commanded: Vec<Option<Vec<ClampSample>>>,
+    /// What was seen.
+    pub observations: Observations,
+}

@@ -1,0 +1,3 @@
+//! The program `offline`: arguments in, library calls, messages and exit codes out.
+
+fn main() {}

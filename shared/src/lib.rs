@@ -1,0 +1,6 @@
+//! What the offline program and the controller must agree on: messages, xArm7 kinematics, motion
+//! profile, policy network, blob format and task geometry. No `std`, no `alloc`, no clock, no file.
+#![no_std]
+
+pub mod profile;
+pub mod task;

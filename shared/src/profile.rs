@@ -1,0 +1,124 @@
+//! The motion of the gripper as a function of time: the simulator's gripper and the streamed
+//! joint targets both follow [`LineProfile`], so they cannot differ.
+
+use serde::{Deserialize, Serialize};
+
+/// Bounds on the speed of the gripper along its path and on the two derivatives of that speed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MotionLimits {
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// Largest acceleration, m/s².
+    pub acceleration_m_s2: f64,
+    /// Largest jerk, m/s³.
+    pub jerk_m_s3: f64,
+}
+
+impl MotionLimits {
+    /// The drag of the paper's rig: 100 mm/s and 2000 mm/s², with a jerk that a 250 Hz stream resolves.
+    pub const PAPER: Self = Self {
+        speed_m_s: 0.1,
+        acceleration_m_s2: 2.0,
+        jerk_m_s3: 20.0,
+    };
+}
+
+/// Rest-to-rest motion along a straight line with the minimum-jerk polynomial
+/// s(u) = 10u³ − 15u⁴ + 6u⁵ (Flash and Hogan 1985), slow enough for the given limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineProfile {
+    from_m: [f64; 3],
+    to_m: [f64; 3],
+    duration_s: f64,
+}
+
+impl LineProfile {
+    /// The fastest profile from `from_m` to `to_m` whose peaks stay within `limits`.
+    ///
+    /// The peaks of the polynomial over a distance D and a duration T are speed 15/8 D/T,
+    /// acceleration 10/√3 D/T² and jerk 60 D/T³.
+    pub fn new(from_m: [f64; 3], to_m: [f64; 3], limits: &MotionLimits) -> Self {
+        let mut square = 0.0;
+        for k in 0..3 {
+            square += (to_m[k] - from_m[k]) * (to_m[k] - from_m[k]);
+        }
+        let distance = libm::sqrt(square);
+        let by_speed = 1.875 * distance / limits.speed_m_s;
+        let by_acceleration = libm::sqrt(10.0 / libm::sqrt(3.0) * distance / limits.acceleration_m_s2);
+        let by_jerk = libm::cbrt(60.0 * distance / limits.jerk_m_s3);
+        Self {
+            from_m,
+            to_m,
+            duration_s: by_speed.max(by_acceleration).max(by_jerk),
+        }
+    }
+
+    /// Time from rest to rest, s; zero when start and end are the same point.
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Position at time `t_s` after the start, m; the end points outside the motion.
+    pub fn position_m(&self, t_s: f64) -> [f64; 3] {
+        let u = self.phase(t_s);
+        let s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+        core::array::from_fn(|k| self.from_m[k] + s * (self.to_m[k] - self.from_m[k]))
+    }
+
+    /// Velocity at time `t_s`, m/s; zero outside the motion.
+    pub fn velocity_m_s(&self, t_s: f64) -> [f64; 3] {
+        if self.duration_s <= 0.0 {
+            return [0.0; 3];
+        }
+        let u = self.phase(t_s);
+        let rate = 30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s;
+        core::array::from_fn(|k| rate * (self.to_m[k] - self.from_m[k]))
+    }
+
+    fn phase(&self, t_s: f64) -> f64 {
+        if self.duration_s <= 0.0 {
+            1.0
+        } else {
+            (t_s / self.duration_s).clamp(0.0, 1.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn peaks_stay_within_the_limits_and_one_is_reached() {
+        for distance in [1e-4, 0.01, 0.3] {
+            let limits = MotionLimits::PAPER;
+            let profile = LineProfile::new([0.0; 3], [0.0, 0.0, distance], &limits);
+            let dt = profile.duration_s() / 2000.0;
+            let z = |t: f64| profile.position_m(t)[2];
+            let (mut speed, mut acceleration, mut jerk) = (0f64, 0f64, 0f64);
+            for i in 2..1998 {
+                let t = i as f64 * dt;
+                speed = speed.max(profile.velocity_m_s(t)[2].abs());
+                acceleration = acceleration.max(((z(t + dt) - 2.0 * z(t) + z(t - dt)) / (dt * dt)).abs());
+                let third = z(t + 2.0 * dt) - 2.0 * z(t + dt) + 2.0 * z(t - dt) - z(t - 2.0 * dt);
+                jerk = jerk.max((third / (2.0 * dt * dt * dt)).abs());
+            }
+            let share = [
+                speed / limits.speed_m_s,
+                acceleration / limits.acceleration_m_s2,
+                jerk / limits.jerk_m_s3,
+            ];
+            let largest = share.iter().cloned().fold(0.0, f64::max);
+            assert!(largest <= 1.001, "limit broken: {share:?}");
+            assert!(largest >= 0.98, "slower than needed: {share:?}");
+        }
+    }
+
+    #[test]
+    fn a_motion_of_no_length_takes_no_time() {
+        let profile = LineProfile::new([1.0; 3], [1.0; 3], &MotionLimits::PAPER);
+        assert_eq!(profile.duration_s(), 0.0);
+        assert_eq!(profile.position_m(0.0), [1.0; 3]);
+        assert_eq!(profile.velocity_m_s(0.0), [0.0; 3]);
+    }
+}

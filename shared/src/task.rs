@@ -1,0 +1,79 @@
+//! Geometry of the swing task in the vertical plane (x, z), origin on the table: where the rope
+//! hangs, where it may be released, which goals make sense. Numbers of the paper at 0.5 m a unit.
+
+use serde::{Deserialize, Serialize};
+
+/// An interval, both ends included.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl Interval {
+    /// Whether `value` lies inside; never for NaN.
+    pub fn contains(&self, value: f64) -> bool {
+        value >= self.low && value <= self.high
+    }
+
+    /// The value at `share` of the way from low (0) to high (1).
+    pub fn at(&self, share: f64) -> f64 {
+        self.low + share * (self.high - self.low)
+    }
+
+    /// The nearest value inside.
+    pub fn clamp(&self, value: f64) -> f64 {
+        value.clamp(self.low, self.high)
+    }
+}
+
+/// The swing task: a rope hangs from a fixed clamp, the gripper drags its bottom end to a release
+/// point, waits and opens; the score is the largest x that the bottom tip reaches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SwingTask {
+    /// Lower face of the fixed clamp, (x, z) in m: the rope hangs freely below it.
+    pub top_m: [f64; 2],
+    /// Release points, x in m.
+    pub release_x_m: Interval,
+    /// Release points, z in m.
+    pub release_z_m: Interval,
+    /// Goals for the tip's largest x, m.
+    pub goal_x_m: Interval,
+    /// Length of rope inside the gripper at the bottom end, m.
+    pub grip_m: f64,
+    /// Time between the end of the drag and the release, s.
+    pub dwell_s: f64,
+}
+
+impl SwingTask {
+    /// The paper's geometry (design section 4).
+    pub const PAPER: Self = Self {
+        top_m: [0.25, 0.275],
+        release_x_m: Interval {
+            low: 0.05,
+            high: 0.15,
+        },
+        release_z_m: Interval {
+            low: 0.025,
+            high: 0.30,
+        },
+        goal_x_m: Interval {
+            low: 0.275,
+            high: 0.425,
+        },
+        grip_m: 0.02,
+        dwell_s: 2.0,
+    };
+
+    /// Where the tip of a rope of free length `length_m` hangs at rest, (x, z) in m.
+    pub fn hanging_tip_m(&self, length_m: f64) -> [f64; 2] {
+        [self.top_m[0], self.top_m[1] - length_m]
+    }
+
+    /// Distance from the fixed clamp to the point `(x, z)`, m; a rope cannot reach beyond its length.
+    pub fn distance_from_top_m(&self, point_m: [f64; 2]) -> f64 {
+        libm::hypot(point_m[0] - self.top_m[0], point_m[1] - self.top_m[1])
+    }
+}
