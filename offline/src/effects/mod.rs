@@ -1,0 +1,91 @@
+//! Physical effects that the base model lacks, one file each.
+//!
+//! # Adding an effect
+//!
+//! 1. Write `effects/<name>.rs` with `pub const SPEC: EffectSpec` (equation, source, parameters with
+//!    unit, range and the value at which the effect vanishes) and
+//!    `pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>)`, which appends the effect's
+//!    law to the list where it enters (force, stress, mass, clamp path) or changes a coefficient.
+//! 2. Add `<name>` to the line `registry!` below.
+//!
+//! Nothing else knows effects by name: simulator, fit, diagnosis and report read the registry. The
+//! laws that every effect must obey are tested over the registry in `tests/tests/effects.rs`.
+
+mod air_drag;
+mod gripper_lag;
+mod internal_damping;
+mod table_friction;
+mod tilted_gravity;
+mod tip_mass;
+
+use crate::sim::{Physics, Real};
+
+/// A parameter of an effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterSpec {
+    /// Name with unit suffix.
+    pub name: &'static str,
+    /// Unit for people; "1" for none.
+    pub unit: &'static str,
+    /// Value at which the effect is absent.
+    pub vanishes_at: f64,
+    /// Physically plausible values, lowest.
+    pub low: f64,
+    /// Physically plausible values, highest.
+    pub high: f64,
+    /// Smallest change of interest: the step of a secant, and the scale of a fit.
+    pub smallest_of_interest: f64,
+}
+
+impl ParameterSpec {
+    /// Whether only one side of the vanishing value is physical.
+    pub fn one_sided(&self) -> bool {
+        self.low >= self.vanishes_at || self.high <= self.vanishes_at
+    }
+}
+
+/// What an effect is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EffectSpec {
+    /// Name in files and messages.
+    pub id: &'static str,
+    /// Name for people.
+    pub title: &'static str,
+    /// Equation, in words of the module's documentation.
+    pub equation: &'static str,
+    /// Where the equation comes from.
+    pub source: &'static str,
+    /// Parameters.
+    pub parameters: &'static [ParameterSpec],
+}
+
+macro_rules! registry {
+    ($($name:ident),* $(,)?) => {
+        /// Every effect, in the order of the registry.
+        pub const ALL: &[EffectSpec] = &[$($name::SPEC),*];
+
+        /// Adds effect number `index` of [`ALL`] with the given parameter values to a physics.
+        ///
+        /// # Panics
+        /// The index is not one of the registry, or the number of values is wrong.
+        pub fn add_to<T: Real>(index: usize, values: &[T], physics: &mut Physics<T>) {
+            assert_eq!(values.len(), ALL[index].parameters.len(), "one value per parameter");
+            let adders = [$($name::add_to::<T>),*];
+            adders[index](values, physics);
+        }
+    };
+}
+
+registry!(
+    air_drag,
+    internal_damping,
+    table_friction,
+    tilted_gravity,
+    tip_mass,
+    gripper_lag
+);
+
+/// Index of the effect with name `id`.
+pub fn find(id: &str) -> Option<usize> {
+    ALL.iter().position(|spec| spec.id == id)
+}

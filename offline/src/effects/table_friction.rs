@@ -1,0 +1,25 @@
+//! Friction with the table other than declared: the Coulomb coefficient becomes μ + Δμ.
+
+use super::{EffectSpec, ParameterSpec};
+use crate::sim::{Physics, Real};
+
+/// What the effect is.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "table_friction",
+    title: "table friction",
+    equation: "|f_t| ≤ (μ + Δμ) f_n",
+    source: "Coulomb's law; the declared μ stands in demo.toml",
+    parameters: &[ParameterSpec {
+        name: "coefficient_change",
+        unit: "1",
+        vanishes_at: 0.0,
+        low: -0.5,
+        high: 1.0,
+        smallest_of_interest: 0.1,
+    }],
+};
+
+/// Adds the effect to a physics.
+pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
+    physics.friction += values[0];
+}

@@ -1,0 +1,93 @@
+//! Why a simulation refused to start or stopped: always typed, never a repair, never silence.
+
+use thiserror::Error;
+
+/// The reason for a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum Cause {
+    /// The material turned inside out.
+    #[error("particle {particle} is inverted (det F = {det:.3}): lower the time step or the speed")]
+    Inverted {
+        /// Index of the particle.
+        particle: usize,
+        /// Determinant of its deformation gradient.
+        det: f64,
+    },
+    /// A value is NaN or infinite.
+    #[error("particle {particle} is not finite: the run is unstable, lower the time step")]
+    NonFinite {
+        /// Index of the particle.
+        particle: usize,
+    },
+    /// A particle moved further than half a cell in one step.
+    #[error("particle {particle} moves at {speed_m_s:.1} m/s, too fast for the time step")]
+    TooFast {
+        /// Index of the particle.
+        particle: usize,
+        /// Its speed, m/s.
+        speed_m_s: f64,
+    },
+    /// A particle left the simulated box.
+    #[error(
+        "particle {particle} left the simulated box at ({x_m:.3}, {y_m:.3}, {z_m:.3}) m: check clamp path and rope length"
+    )]
+    OutsideGrid {
+        /// Index of the particle.
+        particle: usize,
+        /// Position, m.
+        x_m: f64,
+        /// Position, m.
+        y_m: f64,
+        /// Position, m.
+        z_m: f64,
+    },
+    /// The rope is too thin for the grid.
+    #[error("the rope is {cells:.2} cells thick, at least 1.5 are needed: choose a finer grid spacing")]
+    TooThin {
+        /// Diameter over grid spacing.
+        cells: f64,
+    },
+    /// The clamps are further apart than the rope is long.
+    #[error(
+        "the grips are {distance_m:.3} m apart at t = {t_s:.2} s, the rope between them is {length_m:.3} m long: unreachable"
+    )]
+    Unreachable {
+        /// Time of the largest distance, s.
+        t_s: f64,
+        /// Distance of the clamps, m.
+        distance_m: f64,
+        /// Free length of rope between them, m.
+        length_m: f64,
+    },
+    /// A parameter is outside its physical range.
+    #[error("{name} = {value} is outside its range")]
+    BadParameter {
+        /// Name of the parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+}
+
+/// A stop at a step.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[error("simulation stopped at step {step} (t = {t_s:.4} s): {cause}")]
+pub struct SimError {
+    /// Step number; 0 before the first.
+    pub step: usize,
+    /// Simulated time, s.
+    pub t_s: f64,
+    /// The reason.
+    pub cause: Cause,
+}
+
+impl SimError {
+    /// A refusal before the first step.
+    pub fn at_start(cause: Cause) -> Self {
+        Self {
+            step: 0,
+            t_s: 0.0,
+            cause,
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! The number type of the simulator: `f32` and `f64` for rollouts, [`super::Dual`] for sensitivities.
+
+use super::tensor::{Mat3, transpose_inverse};
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// A real number with the operations that the physics needs.
+pub trait Real:
+    Copy
+    + Debug
+    + Send
+    + Sync
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+{
+    /// First lane of a node that a gather has to read. Plain numbers read all four lanes in one
+    /// vector operation, the mass included; for dual numbers every lane costs, so they skip it.
+    const FIRST_LANE: usize;
+
+    /// A constant.
+    fn of(value: f64) -> Self;
+    /// The value without its derivatives.
+    fn value(self) -> f64;
+    /// Product with a constant; cheaper than `self * Self::of(c)` for dual numbers.
+    fn scale(self, c: f64) -> Self;
+    /// Square root of a positive number.
+    fn sqrt(self) -> Self;
+    /// Exponential function.
+    fn exp(self) -> Self;
+    /// Sine and cosine.
+    fn sin_cos(self) -> (Self, Self);
+    /// Rotation R of the polar decomposition of a matrix with positive determinant.
+    fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self>;
+
+    /// Zero.
+    fn zero() -> Self {
+        Self::of(0.0)
+    }
+    /// One.
+    fn one() -> Self {
+        Self::of(1.0)
+    }
+    /// Whether value and derivatives are finite.
+    fn is_finite(self) -> bool;
+}
+
+/// Newton's iteration R ← (R + R⁻ᵀ)/2 from F (Higham 1986). Rope strains are small, so it converges
+/// quadratically in three or four rounds; `tolerance` bounds the last change of an entry.
+#[inline(always)]
+fn newton_polar<T: Real>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
+    const MAX_ROUNDS: usize = 32;
+    let mut r = *f;
+    for _ in 0..MAX_ROUNDS {
+        let inverse = transpose_inverse(&r);
+        let mut change = 0f64;
+        for a in 0..3 {
+            for b in 0..3 {
+                let next = (r[a][b] + inverse[a][b]).scale(0.5);
+                change = change.max((next - r[a][b]).value().abs());
+                r[a][b] = next;
+            }
+        }
+        // The error after this round is of the order of the square of the change.
+        if change < tolerance {
+            break;
+        }
+    }
+    r
+}
+
+macro_rules! float {
+    ($t:ty, $tolerance:expr) => {
+        impl Real for $t {
+            const FIRST_LANE: usize = 0;
+            #[inline(always)]
+            fn of(value: f64) -> Self {
+                value as $t
+            }
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self as f64
+            }
+            #[inline(always)]
+            fn scale(self, c: f64) -> Self {
+                self * c as $t
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                self.sqrt()
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                self.exp()
+            }
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                self.sin_cos()
+            }
+            #[inline(always)]
+            fn is_finite(self) -> bool {
+                <$t>::is_finite(self)
+            }
+            #[inline(always)]
+            fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
+                newton_polar(f, $tolerance)
+            }
+        }
+    };
+}
+
+float!(f32, 1e-4);
+float!(f64, 1e-8);

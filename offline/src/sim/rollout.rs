@@ -1,0 +1,280 @@
+//! A whole simulation: from a scene and a physics to the centreline at the recorded times.
+
+use super::clamp::RigidMotion;
+use super::error::{Cause, SimError};
+use super::grid::Grid;
+use super::physics::Physics;
+use super::real::Real;
+use super::rope::RopeLayout;
+use super::scene::Scene;
+use super::step::{Particle, StepContext, step};
+use super::tensor::{Vec3, add, identity, scaled, sub, zero3};
+use crate::demo::RopeEnd;
+
+/// What a simulation returns.
+#[derive(Clone, Debug)]
+pub struct Rollout<T> {
+    /// Centreline per recorded time: one point per slice, m.
+    pub frames: Vec<Vec<Vec3<T>>>,
+    /// Arc length of each slice, m.
+    pub arc_m: Vec<f64>,
+    /// Largest x of the free tip since [`Scene::score_from_s`], m.
+    pub reach_m: Option<T>,
+    /// Number of steps.
+    pub steps: usize,
+    /// Time step, s.
+    pub dt_s: f64,
+}
+
+/// Particles of the undeformed rope at rest.
+pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
+    let (side, up) = perpendicular(scene.direction);
+    (0..layout.particles())
+        .map(|index| {
+            let s = layout.slice_of(index).arc_m;
+            let [a, b] = layout.section_m[index % layout.section_m.len()];
+            let position: [f64; 3] =
+                std::array::from_fn(|k| scene.start_m[k] + s * scene.direction[k] + a * side[k] + b * up[k]);
+            let grip = scene.grips.iter().position(|grip| {
+                let from_end = match grip.end {
+                    RopeEnd::Start => s,
+                    RopeEnd::End => layout.shape.length_m - s,
+                };
+                from_end <= grip.length_m
+            });
+            Particle {
+                position_m: position.map(T::of),
+                velocity_m_s: zero3(),
+                affine: [zero3(); 3],
+                deformation_gradient: identity(),
+                mass_kg: masses_kg[index],
+                volume_m3: layout.particle_volume_m3(index),
+                length_m: layout.particle_length_m(index),
+                grip: grip.map(|g| {
+                    let first = scene.grips[g].path.knots()[0].pose;
+                    (g, std::array::from_fn(|k| position[k] - first[k]))
+                }),
+            }
+        })
+        .collect()
+}
+
+/// Simulates a scene.
+///
+/// # Errors
+/// A refusal or a stop, with step, time and cause.
+pub fn simulate<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has the instructions that the function was compiled for.
+        return unsafe { run_avx2(scene, physics) };
+    }
+    run(scene, physics)
+}
+
+/// The same code compiled for wider registers. Fused multiply-add stays off, so the bits are the
+/// same as those of the portable version.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run(scene, physics)
+}
+
+#[inline(always)]
+fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    check_parameters(physics)?;
+    let layout = scene.layout();
+    let density = scene.rope.density_kg_m3();
+    let mut masses: Vec<T> = (0..layout.particles())
+        .map(|p| T::of(density * layout.particle_volume_m3(p)))
+        .collect();
+    for law in &physics.mass_laws {
+        law.change_masses_kg(&layout, &mut masses);
+    }
+    let mut particles = initial_particles(scene, &layout, &masses);
+    let lame = physics.lame();
+    let viscosity = physics
+        .stress_laws
+        .iter()
+        .map(|law| law.viscosity_pa_s(&lame))
+        .fold(0.0, f64::max);
+    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
+    let context = StepContext {
+        physics,
+        lame,
+        dt_s,
+        diameter_m: scene.rope.diameter_m,
+        axis: scene.direction,
+        table_m: scene.table.map(|t| t.height_m),
+    };
+    let mut grid = Grid::new(scene.bounds);
+    let mut stencils = Vec::with_capacity(particles.len());
+    let mut recorder = Recorder::new(scene, &layout);
+    let steps = (scene.duration_s / dt_s).ceil() as usize;
+    recorder.record(&particles, 0.0);
+    for number in 0..steps {
+        let t_s = number as f64 * dt_s;
+        let motions = grip_motions(scene, physics, t_s, dt_s);
+        let decay = match scene.settling {
+            Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
+            _ => 1.0,
+        };
+        step(
+            &mut particles,
+            &mut grid,
+            &mut stencils,
+            &context,
+            &motions,
+            decay,
+        )
+        .and_then(|()| check_speed(&particles, scene.bounds.spacing_m / dt_s, number))
+        .map_err(|cause| SimError {
+            step: number,
+            t_s,
+            cause,
+        })?;
+        recorder.record(&particles, t_s + dt_s);
+    }
+    Ok(Rollout {
+        frames: recorder.frames,
+        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
+        reach_m: recorder.reach_m,
+        steps,
+        dt_s,
+    })
+}
+
+fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
+    let bad = |name, value| Err(SimError::at_start(Cause::BadParameter { name, value }));
+    let (young, poisson) = (physics.young_pa.value(), physics.poisson.value());
+    if !(young.is_finite() && young > 0.0) {
+        return bad("young_pa", young);
+    }
+    if !(poisson > -0.99 && poisson < 0.499) {
+        return bad("poisson", poisson);
+    }
+    if !physics.friction.value().is_finite() {
+        return bad("friction", physics.friction.value());
+    }
+    Ok(())
+}
+
+/// Looks for runaway particles now and then: an instability takes many steps to grow.
+fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usize) -> Result<(), Cause> {
+    const EVERY: usize = 16;
+    if step % EVERY != 0 {
+        return Ok(());
+    }
+    for (particle, p) in particles.iter().enumerate() {
+        let speed_m_s = p
+            .velocity_m_s
+            .iter()
+            .map(|c| c.value().powi(2))
+            .sum::<f64>()
+            .sqrt();
+        if speed_m_s.is_nan() {
+            return Err(Cause::NonFinite { particle });
+        }
+        if speed_m_s > 0.5 * cell_per_step {
+            return Err(Cause::TooFast { particle, speed_m_s });
+        }
+    }
+    Ok(())
+}
+
+fn grip_motions<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    t_s: f64,
+    dt_s: f64,
+) -> Vec<Option<RigidMotion<T>>> {
+    scene
+        .grips
+        .iter()
+        .map(|grip| {
+            grip.path.closed(t_s).then(|| {
+                let pose = grip.path.real_pose(&physics.path_laws, t_s + dt_s);
+                RigidMotion::between(&grip.path.knots()[0].pose, &pose)
+            })
+        })
+        .collect()
+}
+
+/// Takes down the centreline at the scene's frame times and the tip's reach.
+struct Recorder<'a, T> {
+    scene: &'a Scene,
+    section: usize,
+    frames: Vec<Vec<Vec3<T>>>,
+    reach_m: Option<T>,
+}
+
+impl<'a, T: Real> Recorder<'a, T> {
+    fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
+        Self {
+            scene,
+            section: layout.section_m.len(),
+            frames: Vec::with_capacity(scene.frame_times_s.len()),
+            reach_m: None,
+        }
+    }
+
+    fn record(&mut self, particles: &[Particle<T>], now_s: f64) {
+        while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
+            if due > now_s + 1e-12 {
+                break;
+            }
+            // Frames fall between steps: go back along the velocity, less than one step.
+            self.frames.push(centreline(particles, self.section, due - now_s));
+        }
+        if now_s >= self.scene.score_from_s {
+            let tip = self.tip_x(particles);
+            if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
+                self.reach_m = Some(tip);
+            }
+        }
+    }
+
+    /// x of the end point of the axis, half a slice beyond the last slice.
+    fn tip_x(&self, particles: &[Particle<T>]) -> T {
+        let n = particles.len();
+        let mean = |range: std::ops::Range<usize>| {
+            let mut sum = T::zero();
+            for p in &particles[range] {
+                sum += p.position_m[0];
+            }
+            sum.scale(1.0 / self.section as f64)
+        };
+        let (last, before) = (
+            mean(n - self.section..n),
+            mean(n - 2 * self.section..n - self.section),
+        );
+        last + (last - before).scale(0.5)
+    }
+}
+
+fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: f64) -> Vec<Vec3<T>> {
+    particles
+        .chunks(section)
+        .map(|slice| {
+            let mut sum = zero3();
+            for p in slice {
+                sum = add(sum, add(p.position_m, scaled(p.velocity_m_s, ahead_s)));
+            }
+            scaled(sum, 1.0 / section as f64)
+        })
+        .collect()
+}
+
+/// Two unit vectors that complete `axis` to a right-handed frame.
+fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let helper = if axis[2].abs() < 0.9 {
+        [0.0, 0.0, 1.0]
+    } else {
+        [0.0, 1.0, 0.0]
+    };
+    let along = axis.iter().zip(&helper).map(|(a, h)| a * h).sum::<f64>();
+    let up = sub(helper, axis.map(|a| a * along));
+    let length = up.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let up = up.map(|c| c / length);
+    (super::tensor::cross(up, axis), up)
+}

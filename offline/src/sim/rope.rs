@@ -1,0 +1,141 @@
+//! The undeformed rope as particles: slices along the arc, each a quadrature of the circular section.
+
+use serde::{Deserialize, Serialize};
+
+/// The rope's shape and mass.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RopeShape {
+    /// Length, m.
+    pub length_m: f64,
+    /// Diameter, m.
+    pub diameter_m: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
+}
+
+impl RopeShape {
+    /// Volume, m³.
+    pub fn volume_m3(&self) -> f64 {
+        std::f64::consts::FRAC_PI_4 * self.diameter_m * self.diameter_m * self.length_m
+    }
+
+    /// Density, kg/m³.
+    pub fn density_kg_m3(&self) -> f64 {
+        self.mass_kg / self.volume_m3()
+    }
+}
+
+/// Largest distance of neighbouring particles within a section, in cells.
+const SECTION_SPACING_CELLS: f64 = 0.5;
+/// Distance of slices along the rope, in cells.
+const SLICE_SPACING_CELLS: f64 = 0.6;
+
+/// One slice of the rope.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slice {
+    /// Arc length of its middle, m.
+    pub arc_m: f64,
+    /// Length along the rope, m.
+    pub length_m: f64,
+}
+
+/// Where the particles of the straight rope lie, in material coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RopeLayout {
+    /// The rope.
+    pub shape: RopeShape,
+    /// Slices along the rope.
+    pub slices: Vec<Slice>,
+    /// Offsets of a slice's particles from the axis, m.
+    pub section_m: Vec<[f64; 2]>,
+}
+
+impl RopeLayout {
+    /// Slices and sections fine enough for the grid spacing. Slices end at the arc lengths
+    /// `edges_m` (where grips end), so that a grip holds exactly its length of rope.
+    pub fn new(shape: RopeShape, edges_m: &[f64], spacing_m: f64) -> Self {
+        let mut ends = vec![0.0];
+        ends.extend(edges_m.iter().copied().filter(|&s| s > 0.0 && s < shape.length_m));
+        ends.push(shape.length_m);
+        ends.sort_by(f64::total_cmp);
+        let mut slices = Vec::new();
+        for piece in ends.windows(2) {
+            let length = piece[1] - piece[0];
+            let count = (length / (SLICE_SPACING_CELLS * spacing_m)).ceil().max(2.0) as usize;
+            let length_m = length / count as f64;
+            slices.extend((0..count).map(|k| Slice {
+                arc_m: piece[0] + (k as f64 + 0.5) * length_m,
+                length_m,
+            }));
+        }
+        Self {
+            shape,
+            slices,
+            section_m: section(shape.diameter_m, SECTION_SPACING_CELLS * spacing_m),
+        }
+    }
+
+    /// Number of particles.
+    pub fn particles(&self) -> usize {
+        self.slices.len() * self.section_m.len()
+    }
+
+    /// The slice to which a particle belongs.
+    pub fn slice_of(&self, particle: usize) -> Slice {
+        self.slices[particle / self.section_m.len()]
+    }
+
+    /// Length of rope that a particle stands for, m.
+    pub fn particle_length_m(&self, particle: usize) -> f64 {
+        self.slice_of(particle).length_m / self.section_m.len() as f64
+    }
+
+    /// Volume of a particle, m³.
+    pub fn particle_volume_m3(&self, particle: usize) -> f64 {
+        self.particle_length_m(particle) * self.shape.volume_m3() / self.shape.length_m
+    }
+}
+
+/// Equal-weight quadrature of a disc: rings of 4, 8, 12, … points, each at the root-mean-square
+/// radius of an annulus whose area is its share. The second moment of area is then exactly that of
+/// the disc, R²/4 along every axis; bending stiffness is E times that moment, so a raw lattice of
+/// few points would bend 5 to 10 % wrong. Measured on a cantilever 1.8 cells thick, the sag changes
+/// with the place of the axis between nodes by 11 % for one ring of six and a centre, 5 % for 4 + 8
+/// points, 1.3 % for 1 + 6 + 12.
+fn section(diameter_m: f64, spacing_m: f64) -> Vec<[f64; 2]> {
+    let radius = 0.5 * diameter_m;
+    let rings = (radius / spacing_m).round().max(2.0) as usize;
+    let total = (2 * rings * (rings + 1)) as f64;
+    let mut points = Vec::with_capacity(total as usize);
+    for ring in 1..=rings {
+        let count = 4 * ring;
+        let (inside, outside) = (points.len() as f64, (points.len() + count) as f64);
+        let mean_square = 0.5 * (inside + outside) / total;
+        let r = radius * mean_square.sqrt();
+        for i in 0..count {
+            let angle = std::f64::consts::TAU * (i as f64 + 0.5) / count as f64;
+            points.push([r * angle.cos(), r * angle.sin()]);
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_section_has_the_second_moments_of_the_disc() {
+        for spacing in [0.002, 0.004, 0.006] {
+            let points = section(0.014, spacing);
+            let n = points.len() as f64;
+            let moment = |f: fn(&[f64; 2]) -> f64| points.iter().map(f).sum::<f64>() / n;
+            let expected = 0.007f64.powi(2) / 4.0;
+            assert!(moment(|p| p[0]).abs() < 1e-15);
+            assert!(moment(|p| p[1]).abs() < 1e-15);
+            assert!((moment(|p| p[0] * p[0]) / expected - 1.0).abs() < 1e-12);
+            assert!((moment(|p| p[1] * p[1]) / expected - 1.0).abs() < 1e-12);
+            assert!(moment(|p| p[0] * p[1]).abs() / expected < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! Scenes: what is simulated, from when to when, on which grid. `lift` and `free` come from a
+//! demonstration, `swing` from the task.
+
+use super::clamp::{ClampPath, Knot};
+use super::error::{Cause, SimError};
+use super::grid::GridBox;
+use super::rope::{RopeLayout, RopeShape};
+use crate::demo::{Demo, Observations, RopeEnd};
+use shared::profile::{LineProfile, MotionLimits};
+use shared::task::SwingTask;
+
+/// The table: a half space below a height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Table {
+    /// Height of the surface, m.
+    pub height_m: f64,
+}
+
+/// A gripped end.
+#[derive(Clone, Debug)]
+pub struct Grip {
+    /// Which end.
+    pub end: RopeEnd,
+    /// Length of rope inside, m.
+    pub length_m: f64,
+    /// Pose of the rope's end point over time.
+    pub path: ClampPath,
+}
+
+/// A time in which every velocity decays, to reach rest sooner than air and rope would.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settling {
+    /// End of the settling phase, s; it starts at zero.
+    pub until_s: f64,
+    /// Rate of decay, 1/s.
+    pub rate_per_s: f64,
+}
+
+/// Everything that a rollout needs besides the physics.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The rope.
+    pub rope: RopeShape,
+    /// Position of s = 0 at the start, m.
+    pub start_m: [f64; 3],
+    /// Unit vector from s = 0 to s = length at the start.
+    pub direction: [f64; 3],
+    /// Gripped ends.
+    pub grips: Vec<Grip>,
+    /// The table, if any.
+    pub table: Option<Table>,
+    /// Grid spacing and extent.
+    pub bounds: GridBox,
+    /// End of the simulation, s.
+    pub duration_s: f64,
+    /// Times at which the centreline is recorded, s, increasing.
+    pub frame_times_s: Vec<f64>,
+    /// Artificial settling at the start.
+    pub settling: Option<Settling>,
+    /// The tip's largest x counts from this time on, s.
+    pub score_from_s: f64,
+}
+
+/// The paper's rope is 0.028 units thick on a grid of 1/64 unit.
+pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
+
+/// Fewest cells across the rope for which bending is resolved at all.
+pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;
+
+/// Share of the P-wave's crossing time of one cell that a step may take.
+pub const CFL: f64 = 0.5;
+
+/// Largest speed that the time step provides for, m/s; above it a step moves too far.
+const SPEED_BOUND_M_S: f64 = 10.0;
+
+impl Scene {
+    /// The scene of a demonstration, on a grid with `cells` cells across the rope.
+    pub fn of_demo(demo: &Demo, cells: f64) -> Result<Self, SimError> {
+        let spec = &demo.spec;
+        let rope = RopeShape {
+            length_m: spec.rope.length_m,
+            diameter_m: spec.rope.diameter_m,
+            mass_kg: spec.rope.mass_kg,
+        };
+        let grips: Vec<Grip> = spec
+            .clamps
+            .iter()
+            .zip(&demo.clamps)
+            .map(|(clamp, samples)| Grip {
+                end: clamp.end,
+                length_m: clamp.grip_m,
+                path: ClampPath::from_samples(
+                    &samples
+                        .iter()
+                        .map(|s| (s.t_s, pose_of(s.position_m, s.quaternion_xyzw), s.closed))
+                        .collect::<Vec<_>>(),
+                ),
+            })
+            .collect();
+        let direction = normalised(spec.rope.direction);
+        let start_m = match grips.first() {
+            Some(grip) => {
+                let p = &grip.path.knots()[0].pose;
+                let back = match grip.end {
+                    RopeEnd::Start => 0.0,
+                    RopeEnd::End => rope.length_m,
+                };
+                std::array::from_fn(|k| p[k] - back * direction[k])
+            }
+            None => [0.0, 0.0, spec.table.height_m + 0.5 * rope.diameter_m],
+        };
+        let mut frame_times_s: Vec<f64> = match &demo.observations {
+            Observations::Clouds(frames) => frames.iter().map(|f| f.t_s).collect(),
+            Observations::Markers(samples) => samples.iter().map(|m| m.t_s).collect(),
+        };
+        frame_times_s.dedup();
+        let table = Table {
+            height_m: spec.table.height_m,
+        };
+        Self::new(rope, start_m, direction, grips, Some(table), cells, frame_times_s)
+    }
+
+    /// The swing task with the true motion of the robot: drag at `limits`, dwell, open.
+    pub fn swing(
+        rope: RopeShape,
+        task: &SwingTask,
+        release_m: [f64; 2],
+        limits: &MotionLimits,
+        cells: f64,
+    ) -> Result<Self, SimError> {
+        Self::swing_with(rope, task, release_m, limits, task.dwell_s, None, cells)
+    }
+
+    /// The swing task with a quick, damped approach that ends in the same rest state before release.
+    pub fn swing_settled(
+        rope: RopeShape,
+        task: &SwingTask,
+        release_m: [f64; 2],
+        cells: f64,
+    ) -> Result<Self, SimError> {
+        let quick = MotionLimits {
+            speed_m_s: 1.0,
+            acceleration_m_s2: 20.0,
+            jerk_m_s3: 1000.0,
+        };
+        Self::swing_with(
+            rope,
+            task,
+            release_m,
+            &quick,
+            SETTLE_S,
+            Some(SETTLE_RATE_PER_S),
+            cells,
+        )
+    }
+
+    fn swing_with(
+        rope: RopeShape,
+        task: &SwingTask,
+        release_m: [f64; 2],
+        limits: &MotionLimits,
+        dwell_s: f64,
+        settle_rate_per_s: Option<f64>,
+        cells: f64,
+    ) -> Result<Self, SimError> {
+        let top = [task.top_m[0], 0.0, task.top_m[1]];
+        let tip = task.hanging_tip_m(rope.length_m);
+        let drag = LineProfile::new([tip[0], 0.0, tip[1]], [release_m[0], 0.0, release_m[1]], limits);
+        let release_s = drag.duration_s() + dwell_s;
+        let mut knots: Vec<Knot> = (0..=(drag.duration_s() / KNOT_S) as usize)
+            .map(|i| {
+                let t_s = i as f64 * KNOT_S;
+                knot(t_s, drag.position_m(t_s), drag.velocity_m_s(t_s), true)
+            })
+            .collect();
+        let end = drag.position_m(drag.duration_s());
+        if drag.duration_s() > knots[knots.len() - 1].t_s {
+            knots.push(knot(drag.duration_s(), end, [0.0; 3], true));
+        }
+        knots.push(knot(release_s, end, [0.0; 3], false));
+        let grips = vec![
+            Grip {
+                end: RopeEnd::Start,
+                length_m: task.grip_m,
+                path: ClampPath::fixed(top),
+            },
+            Grip {
+                end: RopeEnd::End,
+                length_m: task.grip_m,
+                path: ClampPath::new(knots),
+            },
+        ];
+        let mut scene = Self::new(rope, top, [0.0, 0.0, -1.0], grips, None, cells, Vec::new())?;
+        scene.settling = settle_rate_per_s.map(|rate_per_s| Settling {
+            until_s: release_s,
+            rate_per_s,
+        });
+        scene.score_from_s = release_s;
+        scene.duration_s = release_s + SWING_S;
+        scene.refuse_unreachable()?;
+        Ok(scene)
+    }
+
+    /// A scene from its parts: the rope straight from `start_m` along the unit vector `direction`.
+    ///
+    /// # Errors
+    /// The rope is too thin for the grid, or the grips are further apart than it is long.
+    pub fn new(
+        rope: RopeShape,
+        start_m: [f64; 3],
+        direction: [f64; 3],
+        grips: Vec<Grip>,
+        table: Option<Table>,
+        cells: f64,
+        frame_times_s: Vec<f64>,
+    ) -> Result<Self, SimError> {
+        if cells < MIN_CELLS_PER_DIAMETER {
+            return Err(SimError::at_start(Cause::TooThin { cells }));
+        }
+        let (mut low, mut high) = (start_m, start_m);
+        let mut include = |p: [f64; 3]| {
+            for k in 0..3 {
+                low[k] = f64::min(low[k], p[k]);
+                high[k] = f64::max(high[k], p[k]);
+            }
+        };
+        include(std::array::from_fn(|k| start_m[k] + rope.length_m * direction[k]));
+        for knot in grips.iter().flat_map(|g| g.path.knots()) {
+            include([knot.pose[0], knot.pose[1], knot.pose[2]]);
+        }
+        // A gripped rope stays within its length of a clamp; a tenth more for stretch.
+        let reach = 1.1 * rope.length_m;
+        let low = low.map(|c| c - reach);
+        let high = high.map(|c| c + reach);
+        let spacing_m = rope.diameter_m / cells;
+        let table_m = table.map_or(0.0, |t| t.height_m);
+        let scene = Self {
+            rope,
+            start_m,
+            direction,
+            grips,
+            table,
+            bounds: GridBox::around(low, high, spacing_m, table_m),
+            duration_s: frame_times_s.last().copied().unwrap_or(0.0),
+            frame_times_s,
+            settling: None,
+            score_from_s: f64::INFINITY,
+        };
+        scene.refuse_unreachable()?;
+        Ok(scene)
+    }
+
+    /// The particles' layout; slices end where the grips end.
+    pub fn layout(&self) -> RopeLayout {
+        let edges: Vec<f64> = self
+            .grips
+            .iter()
+            .map(|grip| match grip.end {
+                RopeEnd::Start => grip.length_m,
+                RopeEnd::End => self.rope.length_m - grip.length_m,
+            })
+            .collect();
+        RopeLayout::new(self.rope, &edges, self.bounds.spacing_m)
+    }
+
+    /// Refuses paths on which two closed clamps are further apart than the rope between them.
+    fn refuse_unreachable(&self) -> Result<(), SimError> {
+        let [a, b] = &self.grips[..] else { return Ok(()) };
+        let length_m = self.rope.length_m - a.length_m - b.length_m;
+        let inner = |grip: &Grip, pose: [f64; 7]| -> [f64; 3] {
+            let sign = if grip.end == RopeEnd::Start { 1.0 } else { -1.0 };
+            std::array::from_fn(|k| pose[k] + sign * grip.length_m * self.direction[k])
+        };
+        for knot in a.path.knots().iter().chain(b.path.knots()) {
+            let (pa, pb) = (inner(a, a.path.pose(knot.t_s)), inner(b, b.path.pose(knot.t_s)));
+            let distance_m = (0..3).map(|k| (pa[k] - pb[k]).powi(2)).sum::<f64>().sqrt();
+            let both_closed = a.path.closed(knot.t_s) && b.path.closed(knot.t_s);
+            if both_closed && distance_m > length_m * (1.0 + STRETCH_ALLOWED) {
+                return Err(SimError::at_start(Cause::Unreachable {
+                    t_s: knot.t_s,
+                    distance_m,
+                    length_m,
+                }));
+            }
+        }
+        Ok(())
+    }
+
+    /// Largest stable time step, s: [`CFL`] of a cell per P-wave crossing, the bound
+    /// ρ dx²/(6 η) of explicit viscosity, and a fifth of a cell per step at the speed bound.
+    pub fn time_step_s(&self, p_wave_modulus_pa: f64, viscosity_pa_s: f64) -> f64 {
+        let density = self.rope.density_kg_m3();
+        let dx = self.bounds.spacing_m;
+        let wave = CFL * dx / (p_wave_modulus_pa / density).sqrt();
+        let viscous = density * dx * dx / (6.0 * viscosity_pa_s.max(f64::MIN_POSITIVE));
+        wave.min(viscous).min(0.2 * dx / SPEED_BOUND_M_S)
+    }
+}
+
+/// Stretch that the clamps may impose before a path counts as unreachable.
+const STRETCH_ALLOWED: f64 = 0.02;
+/// Distance of path knots in a swing, s; the period of the controller's stream.
+const KNOT_S: f64 = 0.004;
+/// Time of the swing that is simulated after release, s: the first forward swing is over by then.
+const SWING_S: f64 = 0.75;
+/// Length of the damped rest before release, s.
+const SETTLE_S: f64 = 0.35;
+/// Damping rate during the quick approach, 1/s: about critical for the slowest mode of a rope of
+/// some tenths of a metre held at both ends.
+const SETTLE_RATE_PER_S: f64 = 40.0;
+
+fn pose_of(p: [f64; 3], q: [f64; 4]) -> [f64; 7] {
+    [p[0], p[1], p[2], q[0], q[1], q[2], q[3]]
+}
+
+fn knot(t_s: f64, p: [f64; 3], v: [f64; 3], closed: bool) -> Knot {
+    Knot {
+        t_s,
+        pose: [p[0], p[1], p[2], 0.0, 0.0, 0.0, 1.0],
+        rate: [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0],
+        closed,
+    }
+}
+
+fn normalised(v: [f64; 3]) -> [f64; 3] {
+    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+    v.map(|c| c / length)
+}
