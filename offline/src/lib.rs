@@ -3,4 +3,7 @@
 
 pub mod demo;
 pub mod effects;
+pub mod fit;
+pub mod model;
+pub mod observe;
 pub mod sim;

@@ -1,0 +1,10 @@
+//! Fitting θ to demonstrations: Levenberg-Marquardt on the offsets of [`crate::observe`] with the
+//! simulator's own tangents, from several starts, with standard errors.
+
+mod problem;
+mod solver;
+mod uncertainty;
+
+pub use problem::{Evaluation, FitError, Problem, Resolution};
+pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from};
+pub use uncertainty::{Correlation, covariance, estimates};

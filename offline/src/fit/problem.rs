@@ -1,0 +1,264 @@
+//! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
+
+use crate::demo::Demo;
+use crate::model::Structure;
+use crate::observe::{Centreline, Row, bracket, measure};
+use crate::sim::dual::Dual;
+use crate::sim::tensor::value3;
+use crate::sim::{Real, Rollout, Scene, SimError, simulate};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use thiserror::Error;
+
+/// Why a fit could not be made.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum FitError {
+    /// A simulation stopped.
+    #[error("{demo}: {error}")]
+    Simulation {
+        /// Demonstration.
+        demo: String,
+        /// Reason.
+        error: SimError,
+    },
+    /// No start led anywhere.
+    #[error("no start could be simulated; the first failure was: {0}")]
+    NoStart(String),
+    /// Too little was measured.
+    #[error(
+        "{demo}: only {rows} offsets could be measured, at least {needed} are needed: check that the clouds show the rope where the clamp path and the length say it is"
+    )]
+    TooFewRows {
+        /// Demonstration.
+        demo: String,
+        /// Number of rows.
+        rows: usize,
+        /// Number needed.
+        needed: usize,
+    },
+    /// More parameters than a pass carries.
+    #[error("{0} parameters at once are too many, at most {MAX_TANGENTS} are supported")]
+    TooManyParameters(usize),
+}
+
+/// Grid resolution of a simulation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resolution {
+    /// Cells across the rope.
+    pub cells: f64,
+}
+
+/// Demonstrations with the scenes that simulate them.
+pub struct Problem<'a> {
+    /// Demonstrations.
+    pub demos: Vec<&'a Demo>,
+    /// One scene per demonstration.
+    pub scenes: Vec<Scene>,
+    /// Factor on the declared noise, measured without the model (see [`Problem::noise_scale`]).
+    pub noise_scale: f64,
+}
+
+/// Residual and Jacobian at one θ. Rows of all demonstrations stand one after another.
+pub struct Evaluation {
+    /// θ.
+    pub theta: Vec<f64>,
+    /// Measured offsets per demonstration.
+    pub rows: Vec<Vec<Row>>,
+    /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents.
+    pub jacobian: DMatrix<f64>,
+}
+
+/// Most tangents of one pass.
+pub const MAX_TANGENTS: usize = 12;
+/// Fewest rows of a demonstration worth fitting.
+const MIN_ROWS: usize = 20;
+
+impl<'a> Problem<'a> {
+    /// Scenes of the demonstrations at a resolution.
+    ///
+    /// # Errors
+    /// A demonstration cannot be simulated.
+    pub fn new(demos: &[&'a Demo], resolution: Resolution) -> Result<Self, FitError> {
+        let scenes = demos
+            .iter()
+            .map(|demo| Scene::of_demo(demo, resolution.cells).map_err(|error| simulation(demo, error)))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            demos: demos.to_vec(),
+            scenes,
+            noise_scale: 1.0,
+        })
+    }
+
+    /// Residuals without derivatives.
+    ///
+    /// # Errors
+    /// A simulation stopped, or too little was measured.
+    pub fn residuals(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
+        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
+        let parts: Vec<_> = self.run(structure, &theta32)?;
+        Ok(Evaluation {
+            theta: theta.to_vec(),
+            rows: parts.into_iter().map(|(rows, _)| rows).collect(),
+            jacobian: DMatrix::zeros(0, 0),
+        })
+    }
+
+    /// Residuals and Jacobian from one pass with as many tangents as θ has entries.
+    ///
+    /// # Errors
+    /// A simulation stopped, too little was measured, or θ is too long.
+    pub fn evaluate(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
+        match theta.len() {
+            0..=2 => self.evaluate_with::<2>(structure, theta),
+            3 => self.evaluate_with::<3>(structure, theta),
+            4 => self.evaluate_with::<4>(structure, theta),
+            5..=8 => self.evaluate_with::<8>(structure, theta),
+            9..=MAX_TANGENTS => self.evaluate_with::<MAX_TANGENTS>(structure, theta),
+            n => Err(FitError::TooManyParameters(n)),
+        }
+    }
+
+    fn evaluate_with<const N: usize>(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Evaluation, FitError> {
+        let dual: Vec<Dual<f32, N>> = theta
+            .iter()
+            .enumerate()
+            .map(|(k, &value)| Dual::input(value, k))
+            .collect();
+        let parts = self.run(structure, &dual)?;
+        let total: usize = parts.iter().map(|(rows, _)| rows.len()).sum();
+        let mut jacobian = DMatrix::zeros(total, theta.len());
+        let mut row_index = 0;
+        for (rows, rollout) in &parts {
+            for row in rows {
+                let (low, share) = bracket(&rollout.arc_m, row.arc_m);
+                let frame = &rollout.frames[row.frame];
+                for k in 0..theta.len() {
+                    jacobian[(row_index, k)] = (0..3)
+                        .map(|c| {
+                            let a = f64::from(frame[low][c].tangent[k]);
+                            let b = f64::from(frame[low + 1][c].tangent[k]);
+                            row.direction[c] * (a * (1.0 - share) + b * share)
+                        })
+                        .sum();
+                }
+                row_index += 1;
+            }
+        }
+        Ok(Evaluation {
+            theta: theta.to_vec(),
+            rows: parts.into_iter().map(|(rows, _)| rows).collect(),
+            jacobian,
+        })
+    }
+
+    /// Simulates every demonstration and measures it against the prediction.
+    fn run<T: Real>(
+        &self,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Vec<(Vec<Row>, Rollout<T>)>, FitError> {
+        (0..self.demos.len())
+            .into_par_iter()
+            .map(|d| {
+                let (demo, scene) = (self.demos[d], &self.scenes[d]);
+                let physics = structure.physics(theta, demo.spec.table.friction);
+                let rollout = simulate(scene, &physics).map_err(|error| simulation(demo, error))?;
+                let rows = self.rows_of(demo, &rollout);
+                if rows.len() < MIN_ROWS {
+                    return Err(FitError::TooFewRows {
+                        demo: demo.name.clone(),
+                        rows: rows.len(),
+                        needed: MIN_ROWS,
+                    });
+                }
+                Ok((rows, rollout))
+            })
+            .collect()
+    }
+
+    fn rows_of<T: Real>(&self, demo: &Demo, rollout: &Rollout<T>) -> Vec<Row> {
+        let mut rows = Vec::new();
+        for (frame, points) in rollout.frames.iter().enumerate() {
+            let points_m: Vec<[f64; 3]> = points.iter().map(|&p| value3(p)).collect();
+            let line = Centreline {
+                arc_m: &rollout.arc_m,
+                points_m: &points_m,
+                length_m: demo.spec.rope.length_m,
+            };
+            rows.extend(measure(demo, frame, &line).into_iter().map(|row| Row {
+                sigma_m: row.sigma_m * self.noise_scale,
+                ..row
+            }));
+        }
+        rows
+    }
+
+    /// Centrelines of the demonstrations at θ, m: per demonstration, frame and slice.
+    ///
+    /// # Errors
+    /// A simulation stopped.
+    pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
+        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
+        (0..self.demos.len())
+            .into_par_iter()
+            .map(|d| {
+                let demo = self.demos[d];
+                let physics = structure.physics(&theta32, demo.spec.table.friction);
+                simulate(&self.scenes[d], &physics).map_err(|error| simulation(demo, error))
+            })
+            .collect()
+    }
+}
+
+fn simulation(demo: &Demo, error: SimError) -> FitError {
+    FitError::Simulation {
+        demo: demo.name.clone(),
+        error,
+    }
+}
+
+impl Evaluation {
+    /// All rows in order.
+    pub fn all_rows(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().flatten()
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.rows.iter().map(Vec::len).sum()
+    }
+
+    /// Whether nothing was measured.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Offsets over their standard errors.
+    pub fn whitened(&self) -> DVector<f64> {
+        DVector::from_iterator(self.len(), self.all_rows().map(|r| r.offset_m / r.sigma_m))
+    }
+
+    /// Jacobian over the rows' standard errors.
+    pub fn whitened_jacobian(&self) -> DMatrix<f64> {
+        let mut j = self.jacobian.clone();
+        for (i, row) in self.all_rows().enumerate() {
+            j.row_mut(i).scale_mut(1.0 / row.sigma_m);
+        }
+        j
+    }
+
+    /// Root mean square of the offsets, m.
+    pub fn rms_m(&self) -> f64 {
+        (self.all_rows().map(|r| r.offset_m * r.offset_m).sum::<f64>() / self.len() as f64).sqrt()
+    }
+
+    /// Root mean square of the standard errors, m: the error of a perfect model.
+    pub fn floor_m(&self) -> f64 {
+        (self.all_rows().map(|r| r.sigma_m * r.sigma_m).sum::<f64>() / self.len() as f64).sqrt()
+    }
+}

@@ -1,0 +1,283 @@
+//! Levenberg-Marquardt with Marquardt's scaling, gain ratio, Huber's weights and box bounds
+//! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
+
+use super::problem::{Evaluation, FitError, Problem};
+use crate::model::{ParameterInfo, Structure};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Settings of a fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitOptions {
+    /// Young's moduli of the starts, Pa.
+    pub starts_pa: Vec<f64>,
+    /// How many of the starts, the best by their residual, are followed to the end.
+    pub followed: usize,
+    /// Most evaluations of one descent.
+    pub max_evaluations: usize,
+}
+
+impl Default for FitOptions {
+    /// Seven starts over the paper's range and a decade beyond, the best two followed.
+    fn default() -> Self {
+        Self {
+            starts_pa: vec![0.1e6, 0.25e6, 0.6e6, 1.2e6, 2.4e6, 4.8e6],
+            followed: 2,
+            max_evaluations: 12,
+        }
+    }
+}
+
+/// Why a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StopReason {
+    /// The step became small against the standard errors.
+    Converged,
+    /// No step lowered the cost any more.
+    Stalled,
+    /// The budget of evaluations is spent.
+    BudgetSpent,
+}
+
+/// The best iterate of a fit.
+pub struct FitResult {
+    /// Evaluation at the best θ.
+    pub best: Evaluation,
+    /// Cost at the best θ: half the robust sum of squares plus the prior's.
+    pub cost: f64,
+    /// Why the descent ended.
+    pub stop: StopReason,
+    /// Number of simulations with tangents.
+    pub evaluations: usize,
+    /// ln E where each followed start ended, and its cost.
+    pub ends: Vec<(f64, f64)>,
+}
+
+/// Fits from several starts and returns the best iterate of all.
+///
+/// # Errors
+/// No start can be simulated, or too little was measured.
+pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Result<FitResult, FitError> {
+    let scored: Vec<_> = options
+        .starts_pa
+        .par_iter()
+        .map(|&young_pa| {
+            let theta = structure.start(young_pa);
+            problem
+                .residuals(structure, &theta)
+                .map(|e| (robust_cost(&e, DEFAULT_HUBER), theta))
+        })
+        .collect();
+    let mut starts: Vec<(f64, Vec<f64>)> = scored.iter().filter_map(|s| s.as_ref().ok().cloned()).collect();
+    if starts.is_empty() {
+        let first = scored.into_iter().find_map(Result::err);
+        return Err(first.unwrap_or_else(|| FitError::NoStart("no start was given".into())));
+    }
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    starts.truncate(options.followed.max(1));
+    let results: Vec<_> = starts
+        .into_par_iter()
+        .map(|(_, theta)| fit_from(problem, structure, theta, options.max_evaluations))
+        .collect();
+    let mut best: Option<FitResult> = None;
+    let mut ends = Vec::new();
+    let mut failure = None;
+    for result in results {
+        match result {
+            Ok(r) => {
+                ends.push((r.best.theta[0], r.cost));
+                if best.as_ref().is_none_or(|b| r.cost < b.cost) {
+                    best = Some(r);
+                }
+            }
+            Err(error) => failure = Some(error),
+        }
+    }
+    match (best, failure) {
+        (Some(best), _) => Ok(FitResult { ends, ..best }),
+        (None, Some(error)) => Err(error),
+        (None, None) => Err(FitError::NoStart("no start was given".into())),
+    }
+}
+
+/// Whitened offsets beyond this count linearly. It is large because a model that lacks an effect
+/// misses by many standard errors everywhere, which is signal; only gross outliers shall lose weight.
+const DEFAULT_HUBER: f64 = 30.0;
+/// A step smaller than this share of every standard error ends the descent.
+const STEP_TOLERANCE: f64 = 0.02;
+/// A relative decrease of the cost smaller than this ends the descent.
+const COST_TOLERANCE: f64 = 1e-5;
+
+/// Descends from one θ; returns the best iterate.
+///
+/// # Errors
+/// The start cannot be simulated, or too little was measured there.
+pub fn fit_from(
+    problem: &Problem,
+    structure: &Structure,
+    theta: Vec<f64>,
+    max_evaluations: usize,
+) -> Result<FitResult, FitError> {
+    let info = structure.parameters();
+    let mut best = problem.evaluate(structure, &theta)?;
+    let mut cost = total_cost(&best, &info);
+    let mut evaluations = 1;
+    let mut damping = 1e-3;
+    let mut growth = 2.0;
+    let stop = loop {
+        if evaluations >= max_evaluations {
+            break StopReason::BudgetSpent;
+        }
+        let (hessian, gradient) = normal_equations(&best, &info);
+        let step = damped_step(&hessian, &gradient, damping, &best.theta, &info);
+        let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
+        if is_small(&step, &hessian) || predicted < COST_TOLERANCE * cost {
+            break StopReason::Converged;
+        }
+        if damping > 1e8 {
+            break StopReason::Stalled;
+        }
+        let trial: Vec<f64> = best.theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
+        evaluations += 1;
+        let accepted = match problem.evaluate(structure, &trial) {
+            Ok(next) => {
+                let next_cost = total_cost(&next, &info);
+                let gain = (cost - next_cost) / predicted;
+                if gain > 0.0 {
+                    damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
+                    (best, cost) = (next, next_cost);
+                }
+                gain > 0.0
+            }
+            // A trial that cannot be simulated is a step too far.
+            Err(_) => false,
+        };
+        if accepted {
+            growth = 2.0;
+        } else {
+            damping *= growth;
+            growth *= 4.0;
+        }
+    };
+    Ok(FitResult {
+        ends: vec![(best.theta[0], cost)],
+        best,
+        cost,
+        stop,
+        evaluations,
+    })
+}
+
+fn robust_cost(evaluation: &Evaluation, huber: f64) -> f64 {
+    evaluation
+        .whitened()
+        .iter()
+        .map(|r| {
+            let a = r.abs();
+            if a <= huber {
+                0.5 * a * a
+            } else {
+                huber * (a - 0.5 * huber)
+            }
+        })
+        .sum()
+}
+
+fn total_cost(evaluation: &Evaluation, info: &[ParameterInfo]) -> f64 {
+    let prior: f64 = evaluation
+        .theta
+        .iter()
+        .zip(info)
+        .map(|(t, p)| 0.5 * ((t - p.prior_mean) / p.prior_sd).powi(2))
+        .sum();
+    // Stations come and go with the assignment of points, so the cost counts per row.
+    robust_cost(evaluation, DEFAULT_HUBER) / evaluation.len() as f64 * nominal_rows(evaluation) + prior
+}
+
+/// A number of rows that does not depend on θ.
+fn nominal_rows(evaluation: &Evaluation) -> f64 {
+    evaluation
+        .rows
+        .iter()
+        .map(|rows| rows.last().map_or(0, |r| r.frame + 1) as f64 * 2.0 * crate::observe::STATIONS as f64)
+        .sum()
+}
+
+/// Hessian and gradient of the cost. The residual is measured minus predicted, so its derivative is
+/// minus the Jacobian of the prediction.
+pub(super) fn normal_equations(
+    evaluation: &Evaluation,
+    info: &[ParameterInfo],
+) -> (DMatrix<f64>, DVector<f64>) {
+    let mut r = evaluation.whitened();
+    let mut j = evaluation.whitened_jacobian();
+    for i in 0..r.len() {
+        let weight = (DEFAULT_HUBER / r[i].abs()).min(1.0).sqrt();
+        r[i] *= weight;
+        j.row_mut(i).scale_mut(weight);
+    }
+    let mut hessian = j.tr_mul(&j);
+    let mut gradient = -j.tr_mul(&r);
+    for (k, p) in info.iter().enumerate() {
+        let weight = 1.0 / (p.prior_sd * p.prior_sd);
+        hessian[(k, k)] += weight;
+        gradient[k] += weight * (evaluation.theta[k] - p.prior_mean);
+    }
+    (hessian, gradient)
+}
+
+/// The damped Newton step inside the box. Entries that would leave it are held at the bound and the
+/// others solved again.
+fn damped_step(
+    hessian: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    damping: f64,
+    theta: &[f64],
+    info: &[ParameterInfo],
+) -> DVector<f64> {
+    let n = theta.len();
+    let mut fixed: Vec<Option<f64>> = vec![None; n];
+    loop {
+        let mut a = hessian.clone();
+        let mut b = -gradient.clone();
+        for k in 0..n {
+            a[(k, k)] *= 1.0 + damping;
+        }
+        for k in 0..n {
+            if let Some(value) = fixed[k] {
+                for i in 0..n {
+                    b[i] -= hessian[(i, k)] * value;
+                    a[(i, k)] = 0.0;
+                    a[(k, i)] = 0.0;
+                }
+            }
+        }
+        for k in 0..n {
+            if let Some(value) = fixed[k] {
+                a[(k, k)] = 1.0;
+                b[k] = value;
+            }
+        }
+        let Some(factor) = a.cholesky() else {
+            return DVector::zeros(n);
+        };
+        let step = factor.solve(&b);
+        let mut clean = true;
+        for k in 0..n {
+            let allowed = step[k].clamp(info[k].low - theta[k], info[k].high - theta[k]);
+            if fixed[k].is_none() && allowed != step[k] {
+                fixed[k] = Some(allowed);
+                clean = false;
+            }
+        }
+        if clean {
+            return step;
+        }
+    }
+}
+
+fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>) -> bool {
+    (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE)
+}

@@ -1,0 +1,128 @@
+//! A model of the rope: elastic parameters plus the effects that were found, as a parameter vector
+//! θ = (ln E, ν, parameters of each effect) on which fits and rollouts agree.
+
+use crate::effects;
+use crate::sim::{Physics, Real};
+use serde::{Deserialize, Serialize};
+
+/// Range and prior of one entry of θ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterInfo {
+    /// `young_pa`, `poisson` or `<effect>.<parameter>`.
+    pub name: String,
+    /// Unit of the reported value.
+    pub unit: &'static str,
+    /// Lowest admissible entry of θ.
+    pub low: f64,
+    /// Highest admissible entry of θ.
+    pub high: f64,
+    /// Centre of the weak prior.
+    pub prior_mean: f64,
+    /// Standard deviation of the weak prior: the parameter's range. It only keeps a fit away from
+    /// nowhere when the data say nothing, and is far wider than any useful estimate.
+    pub prior_sd: f64,
+    /// A change of this size matters.
+    pub smallest_of_interest: f64,
+}
+
+/// Young's moduli that the program admits, Pa: ten times beyond the paper's range on either side.
+pub const YOUNG_RANGE_PA: [f64; 2] = [2.0e4, 4.3e7];
+/// Poisson's ratios that the program admits.
+pub const POISSON_RANGE: [f64; 2] = [0.05, 0.45];
+/// Middle of the paper's range of Poisson's ratio and half its width.
+const POISSON_PRIOR: [f64; 2] = [0.3, 0.1];
+
+/// Which effects a model has.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Structure {
+    /// Indices into [`effects::ALL`].
+    pub effects: Vec<usize>,
+}
+
+impl Structure {
+    /// The same structure with one more effect.
+    pub fn with(&self, effect: usize) -> Self {
+        let mut effects = self.effects.clone();
+        effects.push(effect);
+        Self { effects }
+    }
+
+    /// What each entry of θ is.
+    pub fn parameters(&self) -> Vec<ParameterInfo> {
+        let [low, high] = YOUNG_RANGE_PA.map(f64::ln);
+        let mut list = vec![
+            ParameterInfo {
+                name: "young_pa".into(),
+                unit: "Pa",
+                low,
+                high,
+                prior_mean: 0.5 * (low + high),
+                prior_sd: high - low,
+                smallest_of_interest: 0.02,
+            },
+            ParameterInfo {
+                name: "poisson".into(),
+                unit: "1",
+                low: POISSON_RANGE[0],
+                high: POISSON_RANGE[1],
+                prior_mean: POISSON_PRIOR[0],
+                prior_sd: POISSON_PRIOR[1],
+                smallest_of_interest: 0.02,
+            },
+        ];
+        for &index in &self.effects {
+            list.extend(effect_parameters(index));
+        }
+        list
+    }
+
+    /// θ of a rope with this structure whose effects all vanish.
+    pub fn start(&self, young_pa: f64) -> Vec<f64> {
+        let mut theta = vec![young_pa.ln(), POISSON_PRIOR[0]];
+        for &index in &self.effects {
+            theta.extend(effects::ALL[index].parameters.iter().map(|p| p.vanishes_at));
+        }
+        theta
+    }
+
+    /// Coefficients and laws at θ for a table with the declared friction.
+    pub fn physics<T: Real>(&self, theta: &[T], friction: f64) -> Physics<T> {
+        let mut physics = Physics::base(theta[0].exp(), theta[1], T::of(friction));
+        let mut rest = &theta[2..];
+        for &index in &self.effects {
+            let (values, after) = rest.split_at(effects::ALL[index].parameters.len());
+            effects::add_to(index, values, &mut physics);
+            rest = after;
+        }
+        physics
+    }
+}
+
+/// What the parameters of an effect are as entries of θ.
+pub fn effect_parameters(index: usize) -> impl Iterator<Item = ParameterInfo> {
+    let spec = &effects::ALL[index];
+    spec.parameters.iter().map(|p| ParameterInfo {
+        name: format!("{}.{}", spec.id, p.name),
+        unit: p.unit,
+        low: p.low,
+        high: p.high,
+        prior_mean: p.vanishes_at,
+        prior_sd: p.high - p.low,
+        smallest_of_interest: p.smallest_of_interest,
+    })
+}
+
+/// A parameter with its uncertainty, as reported.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Name, see [`ParameterInfo`].
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Estimate.
+    pub value: f64,
+    /// Standard error, correlation of the residual taken into account.
+    pub standard_error: f64,
+    /// Whether the data say anything about it beyond the prior.
+    pub identified: bool,
+}

@@ -1,0 +1,297 @@
+//! The observation model: where a measured cloud says that the rope's axis is, relative to a
+//! predicted centreline, per station of arc length, with its standard error.
+//!
+//! Nearest-point distances are biased at the truth and have kinks, so they are not used for
+//! inference. Instead every point is projected on the predicted centreline; the points of a station
+//! lie on the rope's surface, a circle of the known radius R in the plane across the rope, and the
+//! offset δ of that circle's centre is found from |q − δ| = R. Seeing only the front of the rope
+//! hence shifts nothing, and no camera has to be known. Labelled markers give three offsets directly.
+
+use crate::demo::{Demo, Observations};
+use nalgebra::{Matrix2, Vector2};
+
+/// One measured number: the rope's axis lies `offset_m` from the prediction along `direction`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Index of the recorded time.
+    pub frame: usize,
+    /// Index of the station.
+    pub station: usize,
+    /// Arc length, m.
+    pub arc_m: f64,
+    /// Unit vector in the world.
+    pub direction: [f64; 3],
+    /// Measured minus predicted, m.
+    pub offset_m: f64,
+    /// Standard error of the offset, m, from the noise of single points.
+    pub sigma_m: f64,
+}
+
+/// Number of stations along the rope for point clouds.
+pub const STATIONS: usize = 24;
+/// Fewest points from which a station's circle is estimated.
+const MIN_POINTS: usize = 4;
+/// Part of the standard error that more points do not lower: pixel pitch and calibration, m.
+const SYSTEMATIC_M: f64 = 1e-4;
+/// Points further than this from the predicted axis are background, m, beyond the radius.
+const GATE_M: f64 = 0.12;
+
+/// A predicted centreline at one time.
+pub struct Centreline<'a> {
+    /// Arc length of each point, m.
+    pub arc_m: &'a [f64],
+    /// Points, m.
+    pub points_m: &'a [[f64; 3]],
+    /// Length of the rope, m.
+    pub length_m: f64,
+}
+
+/// Where an arc length falls between the points of a centreline: index of the lower point and the
+/// share of the upper one, beyond [0, 1] at the ends.
+pub fn bracket(arcs_m: &[f64], s_m: f64) -> (usize, f64) {
+    let upper = arcs_m.partition_point(|&a| a < s_m).clamp(1, arcs_m.len() - 1);
+    let low = upper - 1;
+    (low, (s_m - arcs_m[low]) / (arcs_m[upper] - arcs_m[low]))
+}
+
+/// All rows of one recorded time.
+pub fn measure(demo: &Demo, frame: usize, line: &Centreline) -> Vec<Row> {
+    match &demo.observations {
+        Observations::Clouds(frames) => measure_cloud(
+            &frames[frame].points_m,
+            frame,
+            line,
+            0.5 * demo.spec.rope.diameter_m,
+            demo.spec.noise_m,
+        ),
+        Observations::Markers(samples) => {
+            let mut times: Vec<f64> = samples.iter().map(|m| m.t_s).collect();
+            times.dedup();
+            let now = samples.iter().filter(|m| m.t_s == times[frame]);
+            now.enumerate()
+                .flat_map(|(station, marker)| {
+                    let (low, share) = bracket(line.arc_m, marker.s_m);
+                    (0..3).map(move |k| {
+                        let predicted =
+                            line.points_m[low][k] * (1.0 - share) + line.points_m[low + 1][k] * share;
+                        let mut direction = [0.0; 3];
+                        direction[k] = 1.0;
+                        Row {
+                            frame,
+                            station,
+                            arc_m: marker.s_m,
+                            direction,
+                            offset_m: marker.position_m[k] - predicted,
+                            sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
+                        }
+                    })
+                })
+                .collect()
+        }
+    }
+}
+
+/// A point in the plane across the rope at its projection.
+struct Projected {
+    arc_m: f64,
+    across_m: Vector2<f64>,
+}
+
+fn measure_cloud(
+    points_m: &[[f64; 3]],
+    frame: usize,
+    line: &Centreline,
+    radius_m: f64,
+    noise_m: f64,
+) -> Vec<Row> {
+    let segments = segments(line);
+    let mut bins: Vec<Vec<Projected>> = (0..STATIONS).map(|_| Vec::new()).collect();
+    for &point in points_m {
+        if let Some(p) = project(point, &segments, radius_m) {
+            let bin = (p.arc_m / line.length_m * STATIONS as f64) as usize;
+            bins[bin.min(STATIONS - 1)].push(p);
+        }
+    }
+    let mut rows = Vec::new();
+    for (station, bin) in bins.iter().enumerate() {
+        let Some((centre, covariance)) = circle_centre(bin, radius_m, noise_m) else {
+            continue;
+        };
+        let arc_m = (station as f64 + 0.5) / STATIONS as f64 * line.length_m;
+        let segment = segments
+            .iter()
+            .find(|s| arc_m <= s.arc_end_m)
+            .unwrap_or(&segments[segments.len() - 1]);
+        // Rotate to the axes of the error ellipse, where the two offsets are independent.
+        let eigen = covariance.symmetric_eigen();
+        for k in 0..2 {
+            let axis = eigen.eigenvectors.column(k);
+            rows.push(Row {
+                frame,
+                station,
+                arc_m,
+                direction: std::array::from_fn(|c| {
+                    axis[0] * segment.normals[0][c] + axis[1] * segment.normals[1][c]
+                }),
+                offset_m: axis[0] * centre[0] + axis[1] * centre[1],
+                sigma_m: eigen.eigenvalues[k].sqrt().hypot(SYSTEMATIC_M),
+            });
+        }
+    }
+    rows
+}
+
+/// A straight piece of the centreline with its frame.
+struct Segment {
+    from_m: [f64; 3],
+    along: [f64; 3],
+    length_m: f64,
+    arc_start_m: f64,
+    arc_end_m: f64,
+    /// First normal in the vertical plane of the tangent, second one horizontal.
+    normals: [[f64; 3]; 2],
+}
+
+fn segments(line: &Centreline) -> Vec<Segment> {
+    let n = line.points_m.len();
+    (0..n - 1)
+        .map(|i| {
+            let (mut a, mut b) = (line.points_m[i], line.points_m[i + 1]);
+            let (mut arc_start_m, mut arc_end_m) = (line.arc_m[i], line.arc_m[i + 1]);
+            let rate: [f64; 3] = std::array::from_fn(|k| (b[k] - a[k]) / (arc_end_m - arc_start_m));
+            // The first and last half slices are continued straight to the rope's ends.
+            if i == 0 {
+                a = std::array::from_fn(|k| a[k] - rate[k] * arc_start_m);
+                arc_start_m = 0.0;
+            }
+            if i + 2 == n {
+                b = std::array::from_fn(|k| b[k] + rate[k] * (line.length_m - arc_end_m));
+                arc_end_m = line.length_m;
+            }
+            let d: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+            let length_m = dot(d, d).sqrt();
+            let along = d.map(|c| c / length_m);
+            Segment {
+                from_m: a,
+                along,
+                length_m,
+                arc_start_m,
+                arc_end_m,
+                normals: normals(along),
+            }
+        })
+        .collect()
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Two unit normals of a tangent: the second horizontal and as near to +y as can be, so that for
+/// motion in the task plane the first offset lies in the plane and the second out of it.
+fn normals(along: [f64; 3]) -> [[f64; 3]; 2] {
+    let reference = if along[1].abs() < 0.9 {
+        [0.0, 1.0, 0.0]
+    } else {
+        [0.0, 0.0, 1.0]
+    };
+    let share = dot(reference, along);
+    let raw: [f64; 3] = std::array::from_fn(|k| reference[k] - share * along[k]);
+    let size = dot(raw, raw).sqrt();
+    let second = raw.map(|c| c / size);
+    let first = [
+        along[1] * second[2] - along[2] * second[1],
+        along[2] * second[0] - along[0] * second[2],
+        along[0] * second[1] - along[1] * second[0],
+    ];
+    [first, second]
+}
+
+fn project(point: [f64; 3], segments: &[Segment], radius_m: f64) -> Option<Projected> {
+    let mut best: Option<(f64, f64, &Segment)> = None;
+    for segment in segments {
+        let d: [f64; 3] = std::array::from_fn(|k| point[k] - segment.from_m[k]);
+        let along = dot(d, segment.along);
+        let inside = along.clamp(0.0, segment.length_m);
+        let square = dot(d, d) - along * along + (along - inside) * (along - inside);
+        if best.is_none_or(|(s, _, _)| square < s) {
+            best = Some((square, along, segment));
+        }
+    }
+    let (square, along, segment) = best?;
+    let s = segment.arc_start_m + along / segment.length_m * (segment.arc_end_m - segment.arc_start_m);
+    // Points past the ends lie on the caps, whose distance is not that of the side.
+    let first = &segments[0];
+    let last = &segments[segments.len() - 1];
+    if s < first.arc_start_m || s > last.arc_end_m || square.sqrt() > radius_m + GATE_M {
+        return None;
+    }
+    let d: [f64; 3] = std::array::from_fn(|k| point[k] - segment.from_m[k] - along * segment.along[k]);
+    Some(Projected {
+        arc_m: s,
+        across_m: Vector2::new(dot(d, segment.normals[0]), dot(d, segment.normals[1])),
+    })
+}
+
+/// Centre of a circle of known radius through noisy points on part of it: Gauss-Newton on
+/// |q − δ| − R with Huber's weights, from the centroid. Returns the centre and its covariance.
+fn circle_centre(points: &[Projected], radius_m: f64, noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    const ROUNDS: usize = 8;
+    if points.len() < MIN_POINTS {
+        return None;
+    }
+    let mut centre = points.iter().map(|p| p.across_m).sum::<Vector2<f64>>() / points.len() as f64;
+    let mut information = Matrix2::zeros();
+    for _ in 0..ROUNDS {
+        information = Matrix2::zeros();
+        let mut right = Vector2::zeros();
+        for p in points {
+            let d = p.across_m - centre;
+            let distance = d.norm();
+            if distance < 1e-9 {
+                continue;
+            }
+            let u = d / distance;
+            let miss = distance - radius_m;
+            let weight = (3.0 * noise_m / miss.abs()).min(1.0);
+            information += weight * u * u.transpose();
+            right += weight * miss * u;
+        }
+        // A hundredth of a point's worth of information keeps narrow views solvable.
+        information += Matrix2::identity() * 0.01;
+        centre += information.try_inverse()? * right;
+    }
+    let covariance = information.try_inverse()? * (noise_m * noise_m);
+    Some((centre, covariance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Half of a rope's surface is seen; the prediction is off by a known vector.
+    #[test]
+    fn half_a_surface_gives_the_offset_of_the_axis() {
+        let arc_m: Vec<f64> = (0..50).map(|i| 0.005 * (i as f64 + 0.5)).collect();
+        let points_m: Vec<[f64; 3]> = arc_m.iter().map(|&s| [s, 0.0, 0.1]).collect();
+        let line = Centreline {
+            arc_m: &arc_m,
+            points_m: &points_m,
+            length_m: 0.25,
+        };
+        let truth = [0.0, 0.004, 0.103];
+        let cloud: Vec<[f64; 3]> = (0..2000)
+            .map(|i| {
+                let s = 0.25 * ((i * 7919) % 2000) as f64 / 2000.0;
+                let angle = -0.3 + 2.6 * ((i * 104729) % 2000) as f64 / 2000.0;
+                [s, truth[1] + 0.007 * angle.cos(), truth[2] + 0.007 * angle.sin()]
+            })
+            .collect();
+        let rows = measure_cloud(&cloud, 0, &line, 0.007, 0.001);
+        assert_eq!(rows.len(), 2 * STATIONS);
+        for row in rows {
+            let expected = row.direction[1] * 0.004 + row.direction[2] * 0.003;
+            assert!((row.offset_m - expected).abs() < 2e-5, "{row:?}");
+        }
+    }
+}
