@@ -16,7 +16,10 @@ pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
     spec(&dir.join("demo.toml"), &demo.spec)?;
     let declared = demo.spec.clamps.len();
     if demo.clamps.len() != declared || demo.commanded.len() != declared {
-        let problem = format!("{declared} clamps are declared, {} have a path", demo.clamps.len());
+        let problem = format!(
+            "{declared} clamps are declared, {} have a path",
+            demo.clamps.len()
+        );
         return Err(DemoError::new(dir, problem, "give one path for each clamp"));
     }
     for (index, path) in demo.clamps.iter().enumerate() {
@@ -47,7 +50,10 @@ pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if !(spec.noise_m > 0.0 && spec.noise_m <= 0.1) {
         return fail(
-            format!("noise_m = {} is no standard deviation of a measured point", spec.noise_m),
+            format!(
+                "noise_m = {} is no standard deviation of a measured point",
+                spec.noise_m
+            ),
             "give it in metres, above 0 and at most 0.1 (a depth camera has about 0.001)",
         );
     }
@@ -60,7 +66,10 @@ pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if !(0.0..=5.0).contains(&spec.table.friction) {
         return fail(
-            format!("table.friction = {} is no friction coefficient", spec.table.friction),
+            format!(
+                "table.friction = {} is no friction coefficient",
+                spec.table.friction
+            ),
             "give a value from 0 to 5",
         );
     }
@@ -87,7 +96,10 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     let density = rope.mass_kg / volume;
     if !DENSITIES.contains(&density) {
         return fail(
-            format!("rope.mass_kg = {} makes a density of {density:.3e} kg/m³", rope.mass_kg),
+            format!(
+                "rope.mass_kg = {} makes a density of {density:.3e} kg/m³",
+                rope.mass_kg
+            ),
             "give mass in kg, length and diameter in metres (5 to 20000 kg/m³)",
         );
     }
@@ -128,7 +140,10 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if gripped >= spec.rope.length_m {
         return fail(
-            format!("the clamps grip {gripped} m of a rope of {} m", spec.rope.length_m),
+            format!(
+                "the clamps grip {gripped} m of a rope of {} m",
+                spec.rope.length_m
+            ),
             "leave some rope free between them",
         );
     }
@@ -138,7 +153,11 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
 fn cameras(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     for camera in &spec.cameras {
         let name = &camera.name;
-        unit(file, &format!("quaternion of camera '{name}'"), &camera.quaternion_xyzw)?;
+        unit(
+            file,
+            &format!("quaternion of camera '{name}'"),
+            &camera.quaternion_xyzw,
+        )?;
         let near = camera.position_m.iter().all(|x| x.abs() <= FARTHEST_M);
         let optics = camera.focal_px.iter().all(|f| *f > 0.0 && f.is_finite())
             && camera.centre_px.iter().all(|c| c.is_finite())
@@ -167,7 +186,11 @@ fn unit(file: &Path, what: &str, vector: &[f64]) -> Result<(), DemoError> {
 
 fn clamp_path(file: &Path, path: &[ClampSample]) -> Result<(), DemoError> {
     if path.is_empty() {
-        return Err(DemoError::new(file, "there are no samples", "record at least one"));
+        return Err(DemoError::new(
+            file,
+            "there are no samples",
+            "record at least one",
+        ));
     }
     let times: Vec<f64> = path.iter().map(|sample| sample.t_s).collect();
     rising(file, &times)?;
@@ -181,16 +204,22 @@ fn clamp_path(file: &Path, path: &[ClampSample]) -> Result<(), DemoError> {
 
 fn markers(file: &Path, samples: &[MarkerSample], length_m: f64) -> Result<(), DemoError> {
     if samples.is_empty() {
-        return Err(DemoError::new(file, "there are no samples", "record at least one"));
+        return Err(DemoError::new(
+            file,
+            "there are no samples",
+            "record at least one",
+        ));
     }
     let mut seen = std::collections::BTreeMap::<&str, (f64, f64)>::new();
     let mut newest = f64::NEG_INFINITY;
     for (row, sample) in samples.iter().enumerate() {
-        let fail = |problem: String, remedy: &str| {
-            Err(DemoError::new(file, problem, remedy).at(line_of_row(row)))
-        };
+        let fail =
+            |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy).at(line_of_row(row)));
         if !sample.t_s.is_finite() || sample.t_s < newest {
-            return fail(format!("t_s goes back from {newest} to {}", sample.t_s), "sort the rows by time");
+            return fail(
+                format!("t_s goes back from {newest} to {}", sample.t_s),
+                "sort the rows by time",
+            );
         }
         newest = sample.t_s;
         let label = &sample.marker;
@@ -206,7 +235,10 @@ fn markers(file: &Path, samples: &[MarkerSample], length_m: f64) -> Result<(), D
         position(file, row, &sample.position_m)?;
         if let Some((t, s)) = seen.insert(label, (sample.t_s, sample.s_m)) {
             if t == sample.t_s {
-                return fail(format!("marker '{label}' stands twice at t_s = {t}"), "delete one of the rows");
+                return fail(
+                    format!("marker '{label}' stands twice at t_s = {t}"),
+                    "delete one of the rows",
+                );
             }
             if s != sample.s_m {
                 return fail(
@@ -222,14 +254,24 @@ fn markers(file: &Path, samples: &[MarkerSample], length_m: f64) -> Result<(), D
 /// Checks that times are finite and strictly rising.
 fn rising(file: &Path, times: &[f64]) -> Result<(), DemoError> {
     if times.is_empty() {
-        return Err(DemoError::new(file, "there are no rows", "record at least one row"));
+        return Err(DemoError::new(
+            file,
+            "there are no rows",
+            "record at least one row",
+        ));
     }
     for (row, t) in times.iter().enumerate() {
-        let before = if row == 0 { f64::NEG_INFINITY } else { times[row - 1] };
+        let before = if row == 0 {
+            f64::NEG_INFINITY
+        } else {
+            times[row - 1]
+        };
         if !t.is_finite() || *t <= before {
             let problem = format!("t_s goes from {before} to {t}");
-            return Err(DemoError::new(file, problem, "sort the rows by time, one row for each instant")
-                .at(line_of_row(row)));
+            return Err(
+                DemoError::new(file, problem, "sort the rows by time, one row for each instant")
+                    .at(line_of_row(row)),
+            );
         }
     }
     Ok(())

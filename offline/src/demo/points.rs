@@ -7,7 +7,7 @@ use ply_rs_bw::ply::{
     PropertyType, ScalarType,
 };
 use ply_rs_bw::writer::Writer;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 /// Farthest coordinate from the origin that a table-top experiment can have, m.
@@ -67,8 +67,12 @@ pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
     let header = parser.read_header(&mut reader).map_err(bad)?;
     check_header(file, &header)?;
     let mut payload = parser.read_payload(&mut reader, &header).map_err(bad)?;
-    if has_more(&mut reader.into_inner()) {
-        return Err(DemoError::new(file, "data follow after the header's last point", AGAIN));
+    if has_more(reader.into_inner()) {
+        return Err(DemoError::new(
+            file,
+            "data follow after the header's last point",
+            AGAIN,
+        ));
     }
     let vertices = payload.swap_remove("vertex").unwrap_or_default();
     let points: Vec<[f64; 3]> = vertices.into_iter().map(|vertex| vertex.0).collect();
@@ -77,8 +81,9 @@ pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
 }
 
 /// Whether anything but white space is left.
-fn has_more(rest: &mut (impl BufRead + Read)) -> bool {
-    rest.bytes().any(|byte| byte.is_ok_and(|b| !b.is_ascii_whitespace()))
+fn has_more(rest: impl BufRead) -> bool {
+    rest.bytes()
+        .any(|byte| byte.is_ok_and(|b| !b.is_ascii_whitespace()))
 }
 
 fn check_header(file: &Path, header: &Header) -> Result<(), DemoError> {
@@ -103,12 +108,20 @@ fn check_header(file: &Path, header: &Header) -> Result<(), DemoError> {
 /// Checks that a cloud has points and that they lie on a table top.
 pub(super) fn check(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
     if points.is_empty() {
-        return Err(DemoError::new(file, "the cloud is empty", "leave this frame out of clouds.csv"));
+        return Err(DemoError::new(
+            file,
+            "the cloud is empty",
+            "leave this frame out of clouds.csv",
+        ));
     }
     for (index, point) in points.iter().enumerate() {
         if point.iter().any(|x| !x.is_finite()) {
             let problem = format!("point {index} is not finite");
-            return Err(DemoError::new(file, problem, "drop points without depth before writing the cloud"));
+            return Err(DemoError::new(
+                file,
+                problem,
+                "drop points without depth before writing the cloud",
+            ));
         }
         if point.iter().any(|x| x.abs() > FARTHEST_M) {
             let problem = format!("point {index} lies {:.0} m away along an axis", largest(point));
@@ -132,7 +145,8 @@ pub(super) fn write(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
     let mut ply = Ply::<Vertex>::new();
     ply.header.encoding = Encoding::BinaryLittleEndian;
     ply.header.elements.add(element);
-    ply.payload.insert("vertex".to_owned(), points.iter().map(|p| Vertex(*p)).collect());
+    ply.payload
+        .insert("vertex".to_owned(), points.iter().map(|p| Vertex(*p)).collect());
     let mut bytes = Vec::new();
     Writer::new()
         .write_ply(&mut bytes, &mut ply)

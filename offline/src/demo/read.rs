@@ -17,7 +17,11 @@ impl Demo {
         for index in 0..spec.clamps.len() {
             clamps.push(read_clamp(&dir.join(format!("clamp_{index}.csv")))?);
             let file = dir.join(format!("clamp_{index}_commanded.csv"));
-            commanded.push(if file.exists() { Some(read_clamp(&file)?) } else { None });
+            commanded.push(if file.exists() {
+                Some(read_clamp(&file)?)
+            } else {
+                None
+            });
         }
         refuse_undeclared_clamps(dir, spec.clamps.len())?;
         let observations = read_observations(dir)?;
@@ -87,7 +91,10 @@ fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError
     for entry in entries {
         let entry = entry.map_err(|e| DemoError::io(dir, "listing", &e))?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        let Some(rest) = name.strip_prefix("clamp_").and_then(|rest| rest.strip_suffix(".csv")) else {
+        let Some(rest) = name
+            .strip_prefix("clamp_")
+            .and_then(|rest| rest.strip_suffix(".csv"))
+        else {
             continue;
         };
         let index = rest.strip_suffix("_commanded").unwrap_or(rest).parse::<usize>();

@@ -46,7 +46,11 @@ impl Table {
             rows.push(cells);
         }
         if rows.is_empty() {
-            return Err(DemoError::new(file, "there are no rows", "record at least one row"));
+            return Err(DemoError::new(
+                file,
+                "there are no rows",
+                "record at least one row",
+            ));
         }
         Ok(Self {
             file: file.to_path_buf(),
@@ -76,7 +80,11 @@ impl Table {
         let text = self.text(row, column);
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
-            Ok(_) => Err(self.error(row, format!("{column} is {text}"), "delete the row or measure again")),
+            Ok(_) => Err(self.error(
+                row,
+                format!("{column} is {text}"),
+                "delete the row or measure again",
+            )),
             Err(_) => Err(self.error(
                 row,
                 format!("{column} is '{text}', not a number"),
@@ -90,7 +98,11 @@ impl Table {
         match self.text(row, column) {
             "1" | "true" => Ok(true),
             "0" | "false" => Ok(false),
-            text => Err(self.error(row, format!("{column} is '{text}'"), "write 1 (holds) or 0 (open)")),
+            text => Err(self.error(
+                row,
+                format!("{column} is '{text}'"),
+                "write 1 (holds) or 0 (open)",
+            )),
         }
     }
 
@@ -128,7 +140,10 @@ fn check_columns(
             return Err(DemoError::new(file, format!("column '{name}' is missing"), expected()).at(1));
         }
     }
-    let given = optional.iter().filter(|name| columns.iter().any(|c| c == *name)).count();
+    let given = optional
+        .iter()
+        .filter(|name| columns.iter().any(|c| c == *name))
+        .count();
     if given != 0 && given != optional.len() {
         let problem = format!("{given} of the columns {}", optional.join(","));
         return Err(DemoError::new(file, problem, "give all of them or none").at(1));

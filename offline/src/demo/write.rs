@@ -44,7 +44,10 @@ impl Demo {
         }
         for (index, path) in self.commanded.iter().enumerate() {
             if let Some(path) = path {
-                write_text(&dir.join(format!("clamp_{index}_commanded.csv")), &clamp_table(path))?;
+                write_text(
+                    &dir.join(format!("clamp_{index}_commanded.csv")),
+                    &clamp_table(path),
+                )?;
             }
         }
         match &self.observations {
@@ -70,7 +73,9 @@ fn refuse_other_folders(dir: &Path) -> Result<(), DemoError> {
 }
 
 fn clamp_table(path: &[ClampSample]) -> String {
-    let turns = path.iter().any(|sample| sample.quaternion_xyzw != [0.0, 0.0, 0.0, 1.0]);
+    let turns = path
+        .iter()
+        .any(|sample| sample.quaternion_xyzw != [0.0, 0.0, 0.0, 1.0]);
     let mut text = String::from("t_s,x_m,y_m,z_m,");
     text.push_str(if turns { "qx,qy,qz,qw,closed\n" } else { "closed\n" });
     for sample in path {
