@@ -1,1 +1,10 @@
 //! The twin world: an independent rope model seen by simulated depth cameras, which plays reality.
+
+pub mod camera;
+pub mod contact;
+pub mod dynamics;
+pub mod effects;
+pub mod motion;
+pub mod rod;
+pub mod sample_rope;
+pub mod world;

@@ -1,6 +1,15 @@
 //! A measured demonstration: what was held where, and what the cameras saw. Folder format
 //! `genorm-demo/1`; SI units, z up, rope arc length s from its start (0) to its end (length).
 
+mod check;
+mod error;
+mod points;
+mod read;
+mod table;
+mod write;
+
+pub use error::DemoError;
+
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the folder format.

@@ -1,0 +1,286 @@
+//! What a demonstration's values must obey, the same for one that is read and one to be written.
+
+use super::table::line_of_row;
+use super::{ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, SceneKind};
+use std::path::Path;
+
+/// Farthest coordinate from the origin that a table-top experiment can have, m.
+const FARTHEST_M: f64 = 20.0;
+/// How far the norm of a direction or a quaternion may be from 1.
+const NORM_TOLERANCE: f64 = 1e-3;
+/// Densities from foam (15 kg/m³) to steel wire (8000 kg/m³), with a margin, kg/m³.
+const DENSITIES: std::ops::RangeInclusive<f64> = 5.0..=20_000.0;
+
+/// Checks everything but the clouds' points, as if it stood in the folder `dir`.
+pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
+    spec(&dir.join("demo.toml"), &demo.spec)?;
+    let declared = demo.spec.clamps.len();
+    if demo.clamps.len() != declared || demo.commanded.len() != declared {
+        let problem = format!(
+            "{declared} clamps are declared, {} have a path",
+            demo.clamps.len()
+        );
+        return Err(DemoError::new(dir, problem, "give one path for each clamp"));
+    }
+    for (index, path) in demo.clamps.iter().enumerate() {
+        clamp_path(&dir.join(format!("clamp_{index}.csv")), path)?;
+    }
+    for (index, path) in demo.commanded.iter().enumerate() {
+        if let Some(path) = path {
+            clamp_path(&dir.join(format!("clamp_{index}_commanded.csv")), path)?;
+        }
+    }
+    match &demo.observations {
+        Observations::Clouds(frames) => {
+            let times: Vec<f64> = frames.iter().map(|frame| frame.t_s).collect();
+            rising(&dir.join("clouds.csv"), &times)
+        }
+        Observations::Markers(samples) => markers(&dir.join("markers.csv"), samples, demo.spec.rope.length_m),
+    }
+}
+
+/// Checks the declared values; `file` is named in errors.
+pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    if spec.format != FORMAT {
+        return fail(
+            format!("format is '{}'", spec.format),
+            &format!("this program reads '{FORMAT}'; import other formats first"),
+        );
+    }
+    if !(spec.noise_m > 0.0 && spec.noise_m <= 0.1) {
+        return fail(
+            format!(
+                "noise_m = {} is no standard deviation of a measured point",
+                spec.noise_m
+            ),
+            "give it in metres, above 0 and at most 0.1 (a depth camera has about 0.001)",
+        );
+    }
+    rope(file, spec)?;
+    if spec.table.height_m.is_nan() || spec.table.height_m.abs() > FARTHEST_M {
+        return fail(
+            format!("table.height_m = {} is no height of a table", spec.table.height_m),
+            "give it in metres",
+        );
+    }
+    if !(0.0..=5.0).contains(&spec.table.friction) {
+        return fail(
+            format!(
+                "table.friction = {} is no friction coefficient",
+                spec.table.friction
+            ),
+            "give a value from 0 to 5",
+        );
+    }
+    clamps(file, spec)?;
+    cameras(file, spec)
+}
+
+fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+    let rope = &spec.rope;
+    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    if !(0.01..=10.0).contains(&rope.length_m) {
+        return fail(
+            format!("rope.length_m = {} is no length of a rope", rope.length_m),
+            "give it in metres, from 0.01 to 10",
+        );
+    }
+    if !(2e-4..=0.2).contains(&rope.diameter_m) || rope.diameter_m > 0.5 * rope.length_m {
+        return fail(
+            format!("rope.diameter_m = {} is no diameter of a rope", rope.diameter_m),
+            "give it in metres, from 0.0002 to 0.2 and at most half the length",
+        );
+    }
+    let volume = std::f64::consts::FRAC_PI_4 * rope.diameter_m.powi(2) * rope.length_m;
+    let density = rope.mass_kg / volume;
+    if !DENSITIES.contains(&density) {
+        return fail(
+            format!(
+                "rope.mass_kg = {} makes a density of {density:.3e} kg/m³",
+                rope.mass_kg
+            ),
+            "give mass in kg, length and diameter in metres (5 to 20000 kg/m³)",
+        );
+    }
+    unit(file, "rope.direction", &rope.direction)
+}
+
+fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    let needed = match spec.scene {
+        SceneKind::Lift => Some(1),
+        SceneKind::Swing => Some(2),
+        SceneKind::Free => None,
+    };
+    if let Some(needed) = needed.filter(|needed| *needed != spec.clamps.len()) {
+        return fail(
+            format!("{} clamps, but this scene has {needed}", spec.clamps.len()),
+            "add or remove [[clamps]], or write scene = \"free\"",
+        );
+    }
+    let mut gripped = 0.0;
+    for (index, clamp) in spec.clamps.iter().enumerate() {
+        if !(clamp.grip_m > 0.0 && clamp.grip_m < spec.rope.length_m) {
+            return fail(
+                format!(
+                    "clamp {index} grips {} m of a rope of {} m",
+                    clamp.grip_m, spec.rope.length_m
+                ),
+                "give the length of rope inside the gripper in metres, above 0 and below the rope's length",
+            );
+        }
+        gripped += clamp.grip_m;
+        if spec.clamps[..index].iter().any(|other| other.end == clamp.end) {
+            return fail(
+                format!("clamp {index} grips an end that another clamp grips"),
+                "give each clamp its own end",
+            );
+        }
+    }
+    if gripped >= spec.rope.length_m {
+        return fail(
+            format!(
+                "the clamps grip {gripped} m of a rope of {} m",
+                spec.rope.length_m
+            ),
+            "leave some rope free between them",
+        );
+    }
+    Ok(())
+}
+
+fn cameras(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+    for camera in &spec.cameras {
+        let name = &camera.name;
+        unit(
+            file,
+            &format!("quaternion of camera '{name}'"),
+            &camera.quaternion_xyzw,
+        )?;
+        let near = camera.position_m.iter().all(|x| x.abs() <= FARTHEST_M);
+        let optics = camera.focal_px.iter().all(|f| *f > 0.0 && f.is_finite())
+            && camera.centre_px.iter().all(|c| c.is_finite())
+            && camera.width_px > 0
+            && camera.height_px > 0;
+        if !near || !optics {
+            return Err(DemoError::new(
+                file,
+                format!("camera '{name}' has an impossible pose or optics"),
+                "give metres and pixels; focal lengths and sizes are above 0",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn unit(file: &Path, what: &str, vector: &[f64]) -> Result<(), DemoError> {
+    let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+    // Written so that NaN fails.
+    if (norm - 1.0).abs() <= NORM_TOLERANCE {
+        return Ok(());
+    }
+    let problem = format!("{what} has norm {norm:.4}");
+    Err(DemoError::new(file, problem, "divide it by its norm"))
+}
+
+fn clamp_path(file: &Path, path: &[ClampSample]) -> Result<(), DemoError> {
+    if path.is_empty() {
+        return Err(DemoError::new(
+            file,
+            "there are no samples",
+            "record at least one",
+        ));
+    }
+    let times: Vec<f64> = path.iter().map(|sample| sample.t_s).collect();
+    rising(file, &times)?;
+    for (row, sample) in path.iter().enumerate() {
+        position(file, row, &sample.position_m)?;
+        unit(file, "the quaternion qx,qy,qz,qw", &sample.quaternion_xyzw)
+            .map_err(|e| e.at(line_of_row(row)))?;
+    }
+    Ok(())
+}
+
+fn markers(file: &Path, samples: &[MarkerSample], length_m: f64) -> Result<(), DemoError> {
+    if samples.is_empty() {
+        return Err(DemoError::new(
+            file,
+            "there are no samples",
+            "record at least one",
+        ));
+    }
+    let mut seen = std::collections::BTreeMap::<&str, (f64, f64)>::new();
+    let mut newest = f64::NEG_INFINITY;
+    for (row, sample) in samples.iter().enumerate() {
+        let fail =
+            |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy).at(line_of_row(row)));
+        if !sample.t_s.is_finite() || sample.t_s < newest {
+            return fail(
+                format!("t_s goes back from {newest} to {}", sample.t_s),
+                "sort the rows by time",
+            );
+        }
+        newest = sample.t_s;
+        let label = &sample.marker;
+        if label.is_empty() || label.contains([',', '\n', '\r']) || label.trim() != label {
+            return fail(format!("marker '{label}' is no label"), "use letters and digits");
+        }
+        if !(0.0..=length_m).contains(&sample.s_m) {
+            return fail(
+                format!("s_m = {} lies outside the rope's {length_m} m", sample.s_m),
+                "give the arc length from the rope's start in metres",
+            );
+        }
+        position(file, row, &sample.position_m)?;
+        if let Some((t, s)) = seen.insert(label, (sample.t_s, sample.s_m)) {
+            if t == sample.t_s {
+                return fail(
+                    format!("marker '{label}' stands twice at t_s = {t}"),
+                    "delete one of the rows",
+                );
+            }
+            if s != sample.s_m {
+                return fail(
+                    format!("marker '{label}' moves along the rope from {s} to {}", sample.s_m),
+                    "a marker keeps its arc length",
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Checks that times are finite and strictly rising.
+fn rising(file: &Path, times: &[f64]) -> Result<(), DemoError> {
+    if times.is_empty() {
+        return Err(DemoError::new(
+            file,
+            "there are no rows",
+            "record at least one row",
+        ));
+    }
+    for (row, t) in times.iter().enumerate() {
+        let before = if row == 0 {
+            f64::NEG_INFINITY
+        } else {
+            times[row - 1]
+        };
+        if !t.is_finite() || *t <= before {
+            let problem = format!("t_s goes from {before} to {t}");
+            return Err(
+                DemoError::new(file, problem, "sort the rows by time, one row for each instant")
+                    .at(line_of_row(row)),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn position(file: &Path, row: usize, position_m: &[f64; 3]) -> Result<(), DemoError> {
+    if position_m.iter().all(|x| x.abs() <= FARTHEST_M) {
+        return Ok(());
+    }
+    let problem = format!("the position {position_m:?} m lies too far away");
+    Err(DemoError::new(file, problem, "write metres, not millimetres").at(line_of_row(row)))
+}

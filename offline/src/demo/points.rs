@@ -1,0 +1,155 @@
+//! Point clouds as PLY files: reads ASCII and binary, writes binary little endian float x, y, z.
+
+use super::DemoError;
+use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::ply::{
+    Addable, ElementDef, Encoding, Header, Ply, PropertyAccess, PropertyAccessResult, PropertyDef,
+    PropertyType, ScalarType,
+};
+use ply_rs_bw::writer::Writer;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+/// Farthest coordinate from the origin that a table-top experiment can have, m.
+const FARTHEST_M: f64 = 20.0;
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// A vertex as the PLY crate fills it; other properties (colour, normals) are ignored.
+#[derive(Debug, Default)]
+struct Vertex([f64; 3]);
+
+impl Vertex {
+    fn set(&mut self, name: &str, value: f64) -> PropertyAccessResult {
+        match AXES.iter().position(|axis| *axis == name) {
+            Some(axis) => {
+                self.0[axis] = value;
+                PropertyAccessResult::Set
+            }
+            None => PropertyAccessResult::Ignored,
+        }
+    }
+}
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
+        self.set(name, f64::from(value))
+    }
+
+    fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
+        self.set(name, value)
+    }
+
+    fn get_float(&self, name: &str) -> Option<f32> {
+        let axis = AXES.iter().position(|axis| *axis == name)?;
+        Some(self.0[axis] as f32)
+    }
+}
+
+/// Reads the vertices of a PLY file, m.
+pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
+    const AGAIN: &str = "export the cloud again as a PLY file";
+    let handle = std::fs::File::open(file).map_err(|e| DemoError::io(file, "opening", &e))?;
+    let bad = |error: ply_rs_bw::parser::ParseError| {
+        let truncated = error.kind() == std::io::ErrorKind::UnexpectedEof;
+        let what = if truncated {
+            "the file ends before its header's last point"
+        } else {
+            "not a readable PLY file"
+        };
+        DemoError::new(file, format!("{what} ({error})"), AGAIN)
+    };
+    let parser = Parser::<Vertex>::new();
+    let mut reader = Reader::new(BufReader::new(handle));
+    let header = parser.read_header(&mut reader).map_err(bad)?;
+    check_header(file, &header)?;
+    let mut payload = parser.read_payload(&mut reader, &header).map_err(bad)?;
+    if has_more(reader.into_inner()) {
+        return Err(DemoError::new(
+            file,
+            "data follow after the header's last point",
+            AGAIN,
+        ));
+    }
+    let vertices = payload.swap_remove("vertex").unwrap_or_default();
+    let points: Vec<[f64; 3]> = vertices.into_iter().map(|vertex| vertex.0).collect();
+    check(file, &points)?;
+    Ok(points)
+}
+
+/// Whether anything but white space is left.
+fn has_more(rest: impl BufRead) -> bool {
+    rest.bytes()
+        .any(|byte| byte.is_ok_and(|b| !b.is_ascii_whitespace()))
+}
+
+fn check_header(file: &Path, header: &Header) -> Result<(), DemoError> {
+    const REMEDY: &str = "write float or double x, y, z in metres";
+    let Some(vertex) = header.elements.get("vertex") else {
+        return Err(DemoError::new(file, "there is no element 'vertex'", REMEDY));
+    };
+    for axis in AXES {
+        let kind = vertex.properties.get(axis).map(|property| &property.data_type);
+        let real = matches!(
+            kind,
+            Some(PropertyType::Scalar(ScalarType::Float | ScalarType::Double))
+        );
+        if !real {
+            let problem = format!("the vertices have no float or double '{axis}'");
+            return Err(DemoError::new(file, problem, REMEDY));
+        }
+    }
+    Ok(())
+}
+
+/// Checks that a cloud has points and that they lie on a table top.
+pub(super) fn check(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
+    if points.is_empty() {
+        return Err(DemoError::new(
+            file,
+            "the cloud is empty",
+            "leave this frame out of clouds.csv",
+        ));
+    }
+    for (index, point) in points.iter().enumerate() {
+        if point.iter().any(|x| !x.is_finite()) {
+            let problem = format!("point {index} is not finite");
+            return Err(DemoError::new(
+                file,
+                problem,
+                "drop points without depth before writing the cloud",
+            ));
+        }
+        if point.iter().any(|x| x.abs() > FARTHEST_M) {
+            let problem = format!("point {index} lies {:.0} m away along an axis", largest(point));
+            return Err(DemoError::new(file, problem, "write metres, not millimetres"));
+        }
+    }
+    Ok(())
+}
+
+fn largest(point: &[f64; 3]) -> f64 {
+    point.iter().fold(0.0, |worst, x| x.abs().max(worst))
+}
+
+/// Writes a cloud; coordinates are rounded to single precision (0.1 µm at 1 m).
+pub(super) fn write(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
+    let mut element = ElementDef::new("vertex".to_owned());
+    for axis in AXES {
+        let kind = PropertyType::Scalar(ScalarType::Float);
+        element.properties.add(PropertyDef::new(axis.to_owned(), kind));
+    }
+    let mut ply = Ply::<Vertex>::new();
+    ply.header.encoding = Encoding::BinaryLittleEndian;
+    ply.header.elements.add(element);
+    ply.payload
+        .insert("vertex".to_owned(), points.iter().map(|p| Vertex(*p)).collect());
+    let mut bytes = Vec::new();
+    Writer::new()
+        .write_ply(&mut bytes, &mut ply)
+        .map_err(|e| DemoError::new(file, format!("writing failed ({e})"), "check the cloud"))?;
+    std::fs::write(file, bytes).map_err(|e| DemoError::io(file, "writing", &e))
+}

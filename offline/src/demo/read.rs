@@ -1,0 +1,167 @@
+//! Reads a demonstration from its folder; what comes back is checked.
+
+use super::table::Table;
+use super::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, MarkerSample, Observations};
+use super::{check, points};
+use std::path::{Component, Path};
+
+const POSE: [&str; 4] = ["qx", "qy", "qz", "qw"];
+
+impl Demo {
+    /// Reads and checks the demonstration in the folder `dir`.
+    pub fn load(dir: impl AsRef<Path>) -> Result<Self, DemoError> {
+        let dir = dir.as_ref();
+        let spec = read_spec(&dir.join("demo.toml"))?;
+        let mut clamps = Vec::new();
+        let mut commanded = Vec::new();
+        for index in 0..spec.clamps.len() {
+            clamps.push(read_clamp(&dir.join(format!("clamp_{index}.csv")))?);
+            let file = dir.join(format!("clamp_{index}_commanded.csv"));
+            commanded.push(if file.exists() {
+                Some(read_clamp(&file)?)
+            } else {
+                None
+            });
+        }
+        refuse_undeclared_clamps(dir, spec.clamps.len())?;
+        let observations = read_observations(dir)?;
+        let demo = Self {
+            name: name_of(dir),
+            spec,
+            clamps,
+            commanded,
+            observations,
+        };
+        check::demo(dir, &demo)?;
+        Ok(demo)
+    }
+}
+
+/// The last component of the folder's path, also for a path such as `.`.
+pub(super) fn name_of(dir: &Path) -> String {
+    let whole = dir.canonicalize();
+    let named = whole.as_deref().unwrap_or(dir).file_name();
+    named.map_or_else(|| "demo".to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
+fn read_spec(file: &Path) -> Result<DemoSpec, DemoError> {
+    let text = std::fs::read_to_string(file).map_err(|e| DemoError::io(file, "reading", &e))?;
+    let spec: DemoSpec = toml::from_str(&text).map_err(|e| {
+        let error = DemoError::new(file, e.message(), "write it as the format's description says");
+        match e.span() {
+            Some(span) => error.at(1 + text[..span.start.min(text.len())].matches('\n').count()),
+            None => error,
+        }
+    })?;
+    check::spec(file, &spec)?;
+    Ok(spec)
+}
+
+fn read_clamp(file: &Path) -> Result<Vec<ClampSample>, DemoError> {
+    let table = Table::read(file, &["t_s", "x_m", "y_m", "z_m", "closed"], &POSE)?;
+    let turns = table.has(POSE[0]);
+    let mut path = Vec::with_capacity(table.len());
+    for row in 0..table.len() {
+        let mut quaternion_xyzw = [0.0, 0.0, 0.0, 1.0];
+        if turns {
+            for (value, column) in quaternion_xyzw.iter_mut().zip(POSE) {
+                *value = table.number(row, column)?;
+            }
+        }
+        path.push(ClampSample {
+            t_s: table.number(row, "t_s")?,
+            position_m: position(&table, row)?,
+            quaternion_xyzw,
+            closed: table.flag(row, "closed")?,
+        });
+    }
+    Ok(path)
+}
+
+fn position(table: &Table, row: usize) -> Result<[f64; 3], DemoError> {
+    Ok([
+        table.number(row, "x_m")?,
+        table.number(row, "y_m")?,
+        table.number(row, "z_m")?,
+    ])
+}
+
+fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError> {
+    let entries = std::fs::read_dir(dir).map_err(|e| DemoError::io(dir, "listing", &e))?;
+    for entry in entries {
+        let entry = entry.map_err(|e| DemoError::io(dir, "listing", &e))?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let Some(rest) = name
+            .strip_prefix("clamp_")
+            .and_then(|rest| rest.strip_suffix(".csv"))
+        else {
+            continue;
+        };
+        let index = rest.strip_suffix("_commanded").unwrap_or(rest).parse::<usize>();
+        if !index.is_ok_and(|index| index < declared) {
+            return Err(DemoError::new(
+                &entry.path(),
+                format!("demo.toml declares {declared} clamps, none with this file's index"),
+                "declare it in [[clamps]] or remove the file",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn read_observations(dir: &Path) -> Result<Observations, DemoError> {
+    let clouds = dir.join("clouds.csv");
+    let markers = dir.join("markers.csv");
+    match (clouds.exists(), markers.exists()) {
+        (true, false) => Ok(Observations::Clouds(read_clouds(dir, &clouds)?)),
+        (false, true) => Ok(Observations::Markers(read_markers(&markers)?)),
+        (true, true) => Err(DemoError::new(
+            dir,
+            "there are both clouds.csv and markers.csv",
+            "keep the one to fit to in this folder and the other in a second one",
+        )),
+        (false, false) => Err(DemoError::new(
+            dir,
+            "there is neither clouds.csv nor markers.csv",
+            "add what the cameras saw",
+        )),
+    }
+}
+
+fn read_clouds(dir: &Path, file: &Path) -> Result<Vec<CloudFrame>, DemoError> {
+    let table = Table::read(file, &["t_s", "file"], &[])?;
+    let mut frames = Vec::with_capacity(table.len());
+    for row in 0..table.len() {
+        let name = Path::new(table.text(row, "file"));
+        let inside = name.components().all(|part| matches!(part, Component::Normal(_)));
+        if name.as_os_str().is_empty() || !inside {
+            let problem = format!("'{}' is no file inside the folder", name.display());
+            return Err(table.error(row, problem, "write a path such as clouds/0000.ply"));
+        }
+        let t_s = table.number(row, "t_s")?;
+        let path = dir.join(name);
+        if !path.exists() {
+            let problem = format!("the file '{}' is not there", name.display());
+            return Err(table.error(row, problem, "add the file or delete the row"));
+        }
+        frames.push(CloudFrame {
+            t_s,
+            points_m: points::read(&path)?,
+        });
+    }
+    Ok(frames)
+}
+
+fn read_markers(file: &Path) -> Result<Vec<MarkerSample>, DemoError> {
+    let table = Table::read(file, &["t_s", "marker", "s_m", "x_m", "y_m", "z_m"], &[])?;
+    let mut samples = Vec::with_capacity(table.len());
+    for row in 0..table.len() {
+        samples.push(MarkerSample {
+            t_s: table.number(row, "t_s")?,
+            marker: table.text(row, "marker").to_owned(),
+            s_m: table.number(row, "s_m")?,
+            position_m: position(&table, row)?,
+        });
+    }
+    Ok(samples)
+}

@@ -1,0 +1,323 @@
+//! The twin world's rod against exact solutions of mechanics.
+
+use nalgebra::Vector3;
+use offline::demo::{RopeEnd, RopeSpec};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::PI;
+use tests::contact::Table;
+use tests::dynamics::{ClampMotion, Material, World};
+use tests::effects::WorldEffects;
+use tests::motion::ClampPath;
+use tests::rod::{Rod, RodSpec};
+
+const G: f64 = 9.81;
+const LENGTH: f64 = 0.25;
+const DIAMETER: f64 = 0.014;
+
+fn material(young_pa: f64, direction: [f64; 3]) -> Material {
+    Material {
+        rope: RopeSpec {
+            length_m: LENGTH,
+            diameter_m: DIAMETER,
+            mass_kg: 0.0385,
+            direction,
+        },
+        young_pa,
+        segments: 25,
+        bending_retardation_s: 0.0,
+    }
+}
+
+fn fixed(grip_m: f64) -> Vec<ClampMotion> {
+    vec![ClampMotion {
+        end: RopeEnd::Start,
+        grip_m,
+        path: ClampPath::new([0.0; 3], 0.0, &[]),
+        opens_at_s: None,
+    }]
+}
+
+/// Drag that brings a motion of a few Hz to rest within a second.
+fn settling() -> WorldEffects {
+    WorldEffects {
+        drag_linear_per_s: 60.0,
+        ..WorldEffects::default()
+    }
+}
+
+fn close(value: f64, exact: f64, relative: f64) {
+    assert!(
+        (value / exact - 1.0).abs() < relative,
+        "{value} against {exact}, off by {:.2e}",
+        value / exact - 1.0
+    );
+}
+
+fn stiffness(young_pa: f64) -> f64 {
+    young_pa * PI * DIAMETER.powi(4) / 64.0
+}
+
+/// Euler-Bernoulli: sag w L⁴/(8 EI) + M g L³/(3 EI), measured from the end of the grip.
+#[test]
+fn a_cantilever_sags_as_euler_and_bernoulli_say() {
+    let young = 5e7;
+    let free = LENGTH - 0.02;
+    for tip in [0.0, 0.002] {
+        let effects = WorldEffects {
+            tip_mass_kg: tip,
+            ..settling()
+        };
+        let mut world = World::new(
+            &material(young, [1.0, 0.0, 0.0]),
+            [0.0; 3],
+            None,
+            &fixed(0.02),
+            &effects,
+        );
+        world.advance_to(1.0);
+        let weight = 0.0385 * G / LENGTH;
+        let sag = weight * free.powi(4) / 8.0 + tip * G * free.powi(3) / 3.0;
+        close(-world.rod.x[25].z, sag / stiffness(young), 0.005);
+    }
+}
+
+#[test]
+fn a_free_rope_falls_freely() {
+    let mut world = World::new(
+        &material(9e5, [1.0, 0.0, 0.0]),
+        [0.0; 3],
+        None,
+        &[],
+        &WorldEffects::default(),
+    );
+    world.advance_to(0.4);
+    for x in &world.rod.x {
+        close(x.z, -0.5 * G * 0.16, 1e-3);
+    }
+    assert!((world.rod.x[25].x - LENGTH).abs() < 1e-9);
+}
+
+/// A bar hung up by its end stretches by ρ g L²/(2E) + M g L/(EA).
+#[test]
+fn a_hanging_rope_stretches_by_its_weight() {
+    let young = 9e5;
+    let effects = WorldEffects {
+        tip_mass_kg: 0.009,
+        ..settling()
+    };
+    let mut world = World::new(
+        &material(young, [0.0, 0.0, -1.0]),
+        [0.0; 3],
+        None,
+        &fixed(1e-4),
+        &effects,
+    );
+    world.advance_to(0.6);
+    let area = PI * DIAMETER * DIAMETER / 4.0;
+    let stretch = (0.5 * 0.0385 + 0.009) * G * LENGTH / (young * area);
+    close(-world.rod.x[25].z - LENGTH, stretch, 0.002);
+}
+
+/// A physical pendulum: a rod hinged at its end swings with T = 2π √(2L/3g).
+#[test]
+fn a_hinged_rope_swings_as_a_physical_pendulum() {
+    let angle: f64 = 0.05;
+    let material = material(5e7, [angle.sin(), 0.0, -angle.cos()]);
+    let mut world = World::new(&material, [0.0; 3], None, &fixed(1e-4), &WorldEffects::default());
+    let (mut crossing, mut before) = (None, world.rod.x[25].x);
+    let step = 1e-4;
+    for index in 1..4000 {
+        world.advance_to(f64::from(index) * step);
+        let now = world.rod.x[25].x;
+        if now < 0.0 && crossing.is_none() {
+            crossing = Some((f64::from(index) - now / (now - before)) * step);
+        }
+        before = now;
+    }
+    let period = 2.0 * PI * (2.0 * LENGTH / (3.0 * G)).sqrt();
+    close(
+        4.0 * crossing.expect("the pendulum passes below its hinge"),
+        period,
+        0.005,
+    );
+}
+
+/// The first bending mode of a cantilever: ω = 3.516 √(EI/ρA)/L², which Kelvin-Voigt damping with
+/// retardation time τ makes decay at τ ω²/2.
+#[test]
+fn a_cantilever_vibrates_and_decays_at_its_first_mode() {
+    let young = 5e7;
+    let tau = 1e-3;
+    let effects = WorldEffects {
+        damping_s: tau,
+        ..WorldEffects::default()
+    };
+    let mut world = World::new(
+        &material(young, [1.0, 0.0, 0.0]),
+        [0.0; 3],
+        None,
+        &fixed(0.02),
+        &effects,
+    );
+    // Dropped from straight, the tip swings about its sag; every second turning point is an upper one.
+    let mut turns = Vec::new();
+    let (mut z, mut rising) = (0.0, false);
+    for index in 1..8000 {
+        let t = f64::from(index) * 1e-4;
+        world.advance_to(t);
+        let now = world.rod.x[25].z;
+        if (now > z) != rising {
+            turns.push((t, z));
+            rising = now > z;
+        }
+        z = now;
+    }
+    let density = 0.0385 / LENGTH;
+    let omega = 3.516 * (stiffness(young) / density).sqrt() / (LENGTH - 0.02f64).powi(2);
+    let (first, last) = (turns[1], turns[9]);
+    close((last.0 - first.0) / 8.0, PI / omega, 0.01);
+    let swing = |k: usize| (turns[k].1 - turns[k + 1].1).abs();
+    let decay = (swing(1) / swing(8)).ln() / (turns[8].0 - turns[1].0);
+    close(decay, 0.5 * tau * omega * omega, 0.1);
+}
+
+fn crumpled(axial_retardation_s: f64) -> Rod {
+    let spec = RodSpec {
+        length_m: LENGTH,
+        diameter_m: DIAMETER,
+        mass_kg: 0.0385,
+        young_pa: 9e5,
+        segments: 12,
+        axial_retardation_s,
+        bending_retardation_s: 0.0,
+    };
+    let mut rod = Rod::straight(&spec, Vector3::zeros(), Vector3::x());
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    for i in 0..rod.x.len() {
+        for k in 0..3 {
+            rod.x[i][k] += 0.01 * (random.random::<f64>() - 0.5);
+            rod.v[i][k] = random.random::<f64>() - 0.5;
+        }
+    }
+    rod
+}
+
+#[test]
+fn elastic_forces_are_the_slope_of_the_energy() {
+    let mut rod = crumpled(0.0);
+    let mut force = vec![Vector3::zeros(); rod.x.len()];
+    rod.add_forces(&mut force);
+    let largest = force.iter().map(|f| f.norm()).fold(0.0, f64::max);
+    for i in 0..rod.x.len() {
+        for k in 0..3 {
+            let step = 1e-7;
+            let (mut up, mut down) = (rod.clone(), rod.clone());
+            up.x[i][k] += step;
+            down.x[i][k] -= step;
+            let slope = (up.elastic_energy_j() - down.elastic_energy_j()) / (2.0 * step);
+            assert!((force[i][k] + slope).abs() < 1e-6 * largest, "node {i} axis {k}");
+        }
+    }
+}
+
+#[test]
+fn inner_forces_change_neither_momentum_nor_angular_momentum() {
+    let mut rod = crumpled(1e-3);
+    let mut force = vec![Vector3::zeros(); rod.x.len()];
+    rod.add_forces(&mut force);
+    let scale: f64 = force.iter().map(|f| f.norm()).sum();
+    let sum: Vector3<f64> = force.iter().sum();
+    let torque: Vector3<f64> = rod.x.iter().zip(&force).map(|(x, f)| x.cross(f)).sum();
+    assert!(sum.norm() < 1e-12 * scale, "{}", sum.norm());
+    assert!(torque.norm() < 1e-12 * scale, "{}", torque.norm());
+    rod.bending_retardation_s = 1e-2;
+    force.fill(Vector3::zeros());
+    rod.add_forces(&mut force);
+    let sum: Vector3<f64> = force.iter().sum();
+    assert!(sum.norm() < 1e-12 * scale, "{}", sum.norm());
+}
+
+/// A thrown, vibrating rod keeps its momentum (none from gravity across the fall) and its energy.
+#[test]
+fn a_thrown_rope_keeps_its_energy() {
+    let mut world = World::new(
+        &material(9e5, [1.0, 0.0, 0.0]),
+        [0.0; 3],
+        None,
+        &[],
+        &WorldEffects::default(),
+    );
+    for (i, v) in world.rod.v.iter_mut().enumerate() {
+        *v = Vector3::new(0.2, 0.3 * (PI * i as f64 / 25.0).sin(), 0.1);
+    }
+    let energy = |rod: &Rod| {
+        let moving: f64 = rod
+            .mass
+            .iter()
+            .zip(&rod.v)
+            .map(|(m, v)| 0.5 * m * v.norm_squared())
+            .sum();
+        let lifted: f64 = rod.mass.iter().zip(&rod.x).map(|(m, x)| m * G * x.z).sum();
+        moving + lifted + rod.elastic_energy_j()
+    };
+    let (before, across) = (energy(&world.rod), world.rod.momentum());
+    world.advance_to(0.3);
+    close(energy(&world.rod), before, 0.01);
+    assert!((world.rod.momentum() - across).xy().norm() < 1e-9);
+}
+
+fn on_table(friction: f64, effects: &WorldEffects) -> World {
+    let table = Table {
+        height_m: 0.0,
+        friction,
+    };
+    let start = [0.0, 0.0, 0.5 * DIAMETER];
+    World::new(&material(9e5, [1.0, 0.0, 0.0]), start, Some(table), &[], effects)
+}
+
+/// A body sliding at speed v on a table stops after v²/(2 μ g).
+#[test]
+fn a_sliding_rope_stops_where_coulomb_says() {
+    for along in [Vector3::x(), Vector3::y()] {
+        let mut world = on_table(0.5, &WorldEffects::default());
+        world.advance_to(0.05);
+        world.rod.v.fill(along * 0.5);
+        let from = world.rod.x[12];
+        world.advance_to(0.3);
+        let way = (world.rod.x[12] - from).dot(&along);
+        close(way, 0.25 / (2.0 * 0.5 * G), 0.01);
+    }
+}
+
+#[test]
+fn a_tilted_table_holds_the_rope_below_the_friction_angle_and_lets_it_slide_above() {
+    for (tilt, slides) in [(0.4f64, false), (0.55, true)] {
+        let effects = WorldEffects {
+            tilt_rad: [0.0, tilt],
+            ..WorldEffects::default()
+        };
+        let mut world = on_table(0.5, &effects);
+        // The table takes the weight within the first milliseconds.
+        world.advance_to(0.05);
+        let from = world.rod.x[12].y;
+        world.advance_to(0.5);
+        let way = world.rod.x[12].y - from;
+        if slides {
+            let acceleration = G * (tilt.sin() - 0.5 * tilt.cos());
+            close(way, 0.5 * acceleration * (0.25 - 0.0025), 0.01);
+        } else {
+            assert!(way.abs() < 1e-9, "it crept {way} m");
+        }
+    }
+}
+
+#[test]
+fn a_resting_rope_sinks_into_the_table_by_no_more_than_a_hundredth_of_a_millimetre() {
+    let mut world = on_table(0.5, &WorldEffects::default());
+    world.advance_to(0.2);
+    for x in &world.rod.x {
+        let depth = 0.5 * DIAMETER - x.z;
+        assert!((0.0..1.1e-5).contains(&depth), "{depth}");
+    }
+}
