@@ -2,5 +2,9 @@
 //! profile, policy network, blob format and task geometry. No `std`, no `alloc`, no clock, no file.
 #![no_std]
 
+pub mod blob;
+#[cfg(test)]
+mod fixtures;
+pub mod policy;
 pub mod profile;
 pub mod task;
