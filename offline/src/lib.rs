@@ -2,3 +2,4 @@
 //! diagnosis, datasets, training, evaluation and reports, in the order in which data flows.
 
 pub mod demo;
+pub mod plot;
