@@ -7,5 +7,6 @@ pub mod effects;
 pub mod fit;
 pub mod model;
 pub mod observe;
+pub mod plot;
 pub mod run_files;
 pub mod sim;

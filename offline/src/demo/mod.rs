@@ -2,13 +2,17 @@
 //! `genorm-demo/1`; SI units, z up, rope arc length s from its start (0) to its end (length).
 
 mod check;
+mod draw;
 mod error;
 mod points;
 mod read;
+mod summary;
 mod table;
 mod write;
 
+pub use draw::plot_svg;
 pub use error::DemoError;
+pub use summary::{summary, warnings};
 
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Point clouds as PLY files: reads ASCII and binary, writes binary little endian float x, y, z.
 
 use super::DemoError;
-use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     Addable, ElementDef, Encoding, Header, Ply, PropertyAccess, PropertyAccessResult, PropertyDef,
     PropertyType, ScalarType,
@@ -49,19 +49,12 @@ impl PropertyAccess for Vertex {
     }
 }
 
+const AGAIN: &str = "export the cloud again as a PLY file";
+
 /// Reads the vertices of a PLY file, m.
 pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
-    const AGAIN: &str = "export the cloud again as a PLY file";
     let handle = std::fs::File::open(file).map_err(|e| DemoError::io(file, "opening", &e))?;
-    let bad = |error: ply_rs_bw::parser::ParseError| {
-        let truncated = error.kind() == std::io::ErrorKind::UnexpectedEof;
-        let what = if truncated {
-            "the file ends before its header's last point"
-        } else {
-            "not a readable PLY file"
-        };
-        DemoError::new(file, format!("{what} ({error})"), AGAIN)
-    };
+    let bad = |error| unreadable(file, &error);
     let parser = Parser::<Vertex>::new();
     let mut reader = Reader::new(BufReader::new(handle));
     let header = parser.read_header(&mut reader).map_err(bad)?;
@@ -78,6 +71,24 @@ pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
     let points: Vec<[f64; 3]> = vertices.into_iter().map(|vertex| vertex.0).collect();
     check(file, &points)?;
     Ok(points)
+}
+
+fn unreadable(file: &Path, error: &ParseError) -> DemoError {
+    if error.kind() == std::io::ErrorKind::UnexpectedEof {
+        return DemoError::new(file, "the file ends before its header's last point", AGAIN);
+    }
+    let text = error.to_string();
+    // The parser's text goes on with its grammar, which helps nobody who made a cloud.
+    let brief: Vec<&str> = text.lines().take(2).collect();
+    let whole = DemoError::new(
+        file,
+        format!("not a readable PLY file ({})", brief.join(" ")),
+        AGAIN,
+    );
+    match error.line() {
+        Some(line) => whole.at(line),
+        None => whole,
+    }
 }
 
 /// Whether anything but white space is left.

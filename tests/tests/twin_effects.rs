@@ -1,0 +1,342 @@
+//! Each switchable effect of the twin world does what its equation says, and nothing at zero.
+
+use nalgebra::Vector3;
+use offline::demo::{Observations, RopeEnd, RopeSpec};
+use std::f64::consts::PI;
+use tests::dynamics::{ClampMotion, Material, World};
+use tests::effects::{AirJet, GripSlip, StiffPiece, WorldEffects};
+use tests::motion::{ClampPath, Leg};
+use tests::sample_rope::{leg, lift, limits, material};
+use tests::world::{WorldSpec, record_demo, simulate};
+
+const LENGTH: f64 = 0.25;
+const DIAMETER: f64 = 0.014;
+const MASS: f64 = 0.0385;
+
+fn coarse(young_pa: f64) -> Material {
+    Material {
+        rope: RopeSpec {
+            length_m: LENGTH,
+            diameter_m: DIAMETER,
+            mass_kg: MASS,
+            direction: [1.0, 0.0, 0.0],
+        },
+        young_pa,
+        segments: 25,
+        bending_retardation_s: 1e-4,
+    }
+}
+
+fn held(path: ClampPath, opens_at_s: Option<f64>) -> Vec<ClampMotion> {
+    vec![ClampMotion {
+        end: RopeEnd::Start,
+        grip_m: 0.02,
+        path,
+        opens_at_s,
+    }]
+}
+
+fn fixed() -> Vec<ClampMotion> {
+    held(ClampPath::new([0.0; 3], 0.0, &[]), None)
+}
+
+fn world(clamps: &[ClampMotion], effects: &WorldEffects) -> World {
+    World::new(&coarse(9e5), [0.0; 3], None, clamps, effects)
+}
+
+/// A short lift, quick to simulate.
+fn short_lift() -> WorldSpec {
+    let mut rope = material();
+    rope.segments = 25;
+    let mut spec = lift("short", rope, &[leg([0.0, 0.0, 0.1], 0.3)]);
+    spec.duration_s = 1.2;
+    spec
+}
+
+/// Largest distance between two ropes over the frames of a short lift, m.
+fn difference(effects: &WorldEffects) -> f64 {
+    let (plain, other) = (
+        simulate(&short_lift(), &WorldEffects::default()),
+        simulate(&short_lift(), effects),
+    );
+    let pairs = plain.iter().zip(&other);
+    let nodes = pairs.flat_map(|(a, b)| a.nodes_m.iter().zip(&b.nodes_m));
+    nodes.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn every_effect_moves_the_rope_of_a_lift_by_half_a_millimetre_and_more() {
+    let plain = WorldEffects::default();
+    let jet = AirJet {
+        centre_m: [0.15, 0.0, 0.05],
+        radius_m: 0.05,
+        velocity_m_s: [0.0, 3.0, 3.0],
+    };
+    let slip = GripSlip {
+        at_s: 0.6,
+        for_s: 0.1,
+        by_m: 0.01,
+    };
+    let stiff = StiffPiece {
+        from_m: 0.05,
+        to_m: 0.15,
+        factor: 4.0,
+    };
+    let all = [
+        (
+            "tip mass",
+            WorldEffects {
+                tip_mass_kg: 0.009,
+                ..plain.clone()
+            },
+        ),
+        (
+            "tilt",
+            WorldEffects {
+                tilt_rad: [0.1, 0.0],
+                ..plain.clone()
+            },
+        ),
+        (
+            "linear drag",
+            WorldEffects {
+                drag_linear_per_s: 5.0,
+                ..plain.clone()
+            },
+        ),
+        (
+            "drag and wind",
+            WorldEffects {
+                drag_normal: 1.1,
+                wind_m_s: [-6.0, 0.0, 0.0],
+                ..plain.clone()
+            },
+        ),
+        (
+            "damping",
+            WorldEffects {
+                damping_s: 0.02,
+                ..plain.clone()
+            },
+        ),
+        (
+            "friction",
+            WorldEffects {
+                friction_change: -0.4,
+                ..plain.clone()
+            },
+        ),
+        (
+            "density",
+            WorldEffects {
+                density_slope: 0.8,
+                ..plain.clone()
+            },
+        ),
+        (
+            "lag",
+            WorldEffects {
+                gripper_lag_s: 0.03,
+                ..plain.clone()
+            },
+        ),
+        (
+            "clock",
+            WorldEffects {
+                clock_offset_s: 0.03,
+                ..plain.clone()
+            },
+        ),
+        (
+            "jet",
+            WorldEffects {
+                air_jet: Some(jet),
+                ..plain.clone()
+            },
+        ),
+        (
+            "slip",
+            WorldEffects {
+                grip_slip: Some(slip),
+                ..plain.clone()
+            },
+        ),
+        (
+            "stiff piece",
+            WorldEffects {
+                stiff_piece: Some(stiff),
+                ..plain.clone()
+            },
+        ),
+    ];
+    assert_eq!(difference(&plain), 0.0);
+    for (name, effects) in all {
+        let moved = difference(&effects);
+        assert!(moved > 5e-4 && moved < 0.3, "{name} moves it by {moved} m");
+    }
+}
+
+/// A falling bar across the stream of air reaches √(2 m g/(ρ C d L)).
+#[test]
+fn a_falling_rope_reaches_its_terminal_speed() {
+    let effects = WorldEffects {
+        drag_normal: 1.1,
+        ..WorldEffects::default()
+    };
+    let mut falling = world(&[], &effects);
+    falling.advance_to(6.0);
+    let exact = (2.0 * MASS * 9.81 / (1.204 * 1.1 * DIAMETER * LENGTH)).sqrt();
+    let speed = -falling.rod.momentum().z / MASS;
+    assert!((speed / exact - 1.0).abs() < 0.01, "{speed} against {exact}");
+}
+
+#[test]
+fn gravity_leans_the_way_the_tilt_says() {
+    let effects = WorldEffects {
+        tilt_rad: [0.1, 0.0],
+        ..WorldEffects::default()
+    };
+    assert!(
+        (effects.gravity() - Vector3::new(-9.81 * 0.1f64.sin(), 0.0, -9.81 * 0.1f64.cos())).norm() < 1e-12
+    );
+    let effects = WorldEffects {
+        tilt_rad: [0.0, 0.1],
+        ..WorldEffects::default()
+    };
+    assert!(
+        (effects.gravity() - Vector3::new(0.0, 9.81 * 0.1f64.sin(), -9.81 * 0.1f64.cos())).norm() < 1e-12
+    );
+}
+
+/// A first-order lag trails a steady motion by speed times lag; the recording holds the command.
+#[test]
+fn a_lagging_gripper_trails_its_command() {
+    let lag = 0.02;
+    let effects = WorldEffects {
+        gripper_lag_s: lag,
+        ..WorldEffects::default()
+    };
+    let path = ClampPath::new(
+        [0.0; 3],
+        0.0,
+        &[Leg {
+            to_m: [0.0, 0.0, 0.5],
+            limits: limits(0.25),
+            pause_s: 0.0,
+        }],
+    );
+    let middle = 0.5 * path.duration_s();
+    let mut moving = world(&held(path.clone(), None), &effects);
+    moving.advance_to(middle);
+    let behind = path.position_m(middle).z - moving.rod.x[0].z;
+    assert!((behind / (lag * 0.25) - 1.0).abs() < 0.01, "{behind}");
+    let spec = short_lift();
+    assert_eq!(
+        record_demo(&spec, &effects, 1).clamps,
+        record_demo(&spec, &WorldEffects::default(), 1).clamps
+    );
+}
+
+#[test]
+fn an_opened_clamp_lets_the_rope_fall() {
+    let mut dropped = world(
+        &held(ClampPath::new([0.0; 3], 0.0, &[]), Some(0.1)),
+        &WorldEffects::default(),
+    );
+    dropped.advance_to(0.0999);
+    assert_eq!(dropped.rod.x[0], Vector3::zeros());
+    dropped.advance_to(0.1);
+    let from: Vector3<f64> = centre(&dropped);
+    let speed = dropped.rod.momentum().z / MASS;
+    dropped.advance_to(0.3);
+    let time = 0.3 - 0.1;
+    let fall = speed * time - 0.5 * 9.81 * time * time;
+    assert!((centre(&dropped).z - from.z - fall).abs() < 1e-3);
+}
+
+fn centre(world: &World) -> Vector3<f64> {
+    let pairs = world.rod.mass.iter().zip(&world.rod.x);
+    pairs.map(|(m, x)| x * (*m / MASS)).sum()
+}
+
+#[test]
+fn a_slipping_rope_comes_out_of_the_clamp() {
+    let effects = WorldEffects {
+        grip_slip: Some(GripSlip {
+            at_s: 0.1,
+            for_s: 0.1,
+            by_m: 0.01,
+        }),
+        ..WorldEffects::default()
+    };
+    let mut slipping = world(&fixed(), &effects);
+    slipping.advance_to(0.1);
+    assert!(slipping.rod.x[0].x.abs() < 1e-9);
+    slipping.advance_to(0.25);
+    assert!((slipping.rod.x[0].x - 0.01).abs() < 1e-9);
+}
+
+/// A stiffer piece at the wall lowers the sag; a mass at the tip raises it by M g L³/(3EI).
+#[test]
+fn stiffness_and_tip_mass_change_the_sag_the_right_way() {
+    let sag = |effects: WorldEffects| {
+        let settled = WorldEffects {
+            drag_linear_per_s: 60.0,
+            ..effects
+        };
+        let mut beam = World::new(&coarse(5e7), [0.0; 3], None, &fixed(), &settled);
+        beam.advance_to(0.6);
+        -beam.rod.x[25].z
+    };
+    let plain = sag(WorldEffects::default());
+    let stiff_piece = Some(StiffPiece {
+        from_m: 0.0,
+        to_m: 0.25,
+        factor: 2.0,
+    });
+    let stiff = sag(WorldEffects {
+        stiff_piece,
+        ..WorldEffects::default()
+    });
+    assert!(
+        (2.0 * stiff / plain - 1.0).abs() < 0.01,
+        "{stiff} against {plain}"
+    );
+    let loaded = sag(WorldEffects {
+        tip_mass_kg: 0.002,
+        ..WorldEffects::default()
+    });
+    let exact = 0.002 * 9.81 * 0.23f64.powi(3) / (3.0 * 5e7 * PI * DIAMETER.powi(4) / 64.0);
+    assert!(((loaded - plain) / exact - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_demo_and_another_gives_other_noise() {
+    let plain = WorldEffects::default();
+    let spec = short_lift();
+    let first = record_demo(&spec, &plain, 5);
+    assert_eq!(first, record_demo(&spec, &plain, 5));
+    let other = record_demo(&spec, &plain, 6);
+    assert_eq!(first.clamps, other.clamps);
+    assert_ne!(first.observations, other.observations);
+}
+
+#[test]
+fn a_wrong_camera_position_moves_only_its_own_points() {
+    let shifted = WorldEffects {
+        camera_offset_m: [0.0, 0.0, 0.02],
+        ..WorldEffects::default()
+    };
+    let mut spec = short_lift();
+    spec.cameras.truncate(1);
+    let height = |effects: &WorldEffects| {
+        let demo = record_demo(&spec, effects, 5);
+        let Observations::Clouds(frames) = demo.observations else {
+            panic!("the twin world records clouds");
+        };
+        let points = &frames[0].points_m;
+        points.iter().map(|p| p[2]).sum::<f64>() / points.len() as f64
+    };
+    let change = height(&shifted) - height(&WorldEffects::default());
+    assert!((change + 0.02).abs() < 2e-3, "{change}");
+}
