@@ -3,4 +3,10 @@
 
 pub mod collect;
 pub mod demo;
+pub mod evaluate;
+pub mod paper_units;
+pub mod reach;
 pub mod run_files;
+#[cfg(feature = "train")]
+pub mod train;
+pub mod trained;
