@@ -206,3 +206,88 @@ pub fn confirmed_reach(evaluation: &Evaluation) -> Result<Interval, NoReach> {
         Err(NoReach)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collect::stand_in::unwatched;
+    use crate::freeze::tests::blob;
+
+    /// Reaches what it is told by the release point, and refuses stiff ropes.
+    struct Mirror;
+
+    impl Swinger for Mirror {
+        fn reach_m(&self, young_pa: f64, _: f64, release_m: [f64; 2]) -> Result<f64, SwingRefusal> {
+            match young_pa {
+                young if young > 3e6 => Err(SwingRefusal::Failed("too stiff".into())),
+                young if young > 2e6 => Ok(f64::NAN),
+                _ => Ok(0.2 + release_m[0]),
+            }
+        }
+    }
+
+    fn table() -> ReachTable {
+        let interval = |low, high| Interval { low, high };
+        ReachTable::new(interval(2e5, 4e6), interval(0.2, 0.4), |_, _| interval(0.28, 0.4))
+    }
+
+    #[test]
+    fn unseen_goals_lie_in_reach_and_repeat() {
+        let goals = unseen(&table(), 10, 3, 5);
+        assert_eq!(goals, unseen(&table(), 10, 3, 5));
+        assert_ne!(goals, unseen(&table(), 10, 3, 6));
+        assert_eq!(goals.len(), 30);
+        for three in goals.chunks(3) {
+            assert!(three.iter().all(|goal| goal.young_pa == three[0].young_pa));
+            assert!(
+                three
+                    .windows(2)
+                    .all(|pair| (pair[1].goal_x_m - pair[0].goal_x_m - 0.04).abs() < 1e-9)
+            );
+            assert!(three.iter().all(|goal| (0.28..=0.4).contains(&goal.goal_x_m)));
+        }
+    }
+
+    #[test]
+    fn refusals_are_counted_and_never_scored() {
+        let policy = &blob().policy;
+        let goals = unseen(&table(), 30, 2, 5);
+        let evaluation = evaluate(policy, &Mirror, &goals, unwatched()).unwrap();
+        let miss = evaluation.miss.unwrap();
+        let refused: usize = evaluation.refusals.values().sum();
+        assert!(refused > 0);
+        assert_eq!(miss.count + refused, 60);
+        let first = evaluation
+            .attempts
+            .iter()
+            .find(|attempt| attempt.reached_m.is_ok())
+            .unwrap();
+        assert_eq!(*first.reached_m.as_ref().unwrap(), 0.2 + first.release_m[0]);
+        assert!((miss.mean_paper - miss.mean_mm / 500.0).abs() < 1e-12);
+        let stiff = along(&Interval { low: 0.3, high: 0.4 }, 3.5e6, 0.3, 4);
+        let none = evaluate(policy, &Mirror, &stiff, unwatched()).unwrap();
+        assert_eq!((none.miss, confirmed_reach(&none)), (None, Err(NoReach)));
+    }
+
+    #[test]
+    fn summaries_are_the_textbooks() {
+        let miss = MissSummary::new(vec![4.0, 1.0, 2.0, 3.0, 5.0]).unwrap();
+        assert_eq!(
+            (miss.count, miss.mean_mm, miss.median_mm, miss.max_mm),
+            (5, 3.0, 3.0, 5.0)
+        );
+        assert!((miss.spread_mm - 2.5f64.sqrt()).abs() < 1e-12);
+        assert!((miss.p90_mm - 4.6).abs() < 1e-12);
+        assert_eq!(MissSummary::new(vec![7.0]).unwrap().spread_mm, 0.0);
+        assert_eq!(MissSummary::new(vec![]), None);
+    }
+
+    #[test]
+    fn confirmed_goals_are_both_asked_for_and_reached() {
+        let goals = along(&Interval { low: 0.2, high: 0.6 }, 1e6, 0.3, 5);
+        assert_eq!((goals[0].goal_x_m, goals[4].goal_x_m), (0.2, 0.6));
+        let evaluation = evaluate(&blob().policy, &Mirror, &goals, unwatched()).unwrap();
+        let range = confirmed_reach(&evaluation).unwrap();
+        assert!(range.low >= 0.25 && range.high <= 0.35, "{range:?}");
+    }
+}

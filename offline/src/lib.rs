@@ -4,6 +4,8 @@
 pub mod collect;
 pub mod demo;
 pub mod evaluate;
+pub mod freeze;
+pub mod inspect;
 pub mod paper_units;
 pub mod reach;
 pub mod run_files;

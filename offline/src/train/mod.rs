@@ -1,10 +1,5 @@
 //! Training of the policy: (goal, ln E, ν) to a release point.
 //!
-//! Three steps, each measured on the stand-in of the tests (500 random rollouts; 300 goals of 60 unseen
-//! ropes; |goal − reached|; `cargo test --release -p offline --lib train -- --ignored --nocapture`):
-//!
-//! FIGURES
-//!
 //! 1. **Regression**, as in the paper: release point on what it reached. A goal has many release points
 //!    and the mean of these need not reach it, which is most of the error.
 //! 2. **Correction**: a forward model learns reach from release point, which is single-valued; the policy
@@ -12,6 +7,21 @@
 //!    1992), staying near the regression's answer and inside the region of release points.
 //! 3. **Rounds**: the policy's own answers are rolled out and added to the data, so that the forward model
 //!    becomes exact where the policy lives, and both go on learning.
+//!
+//! Mean |goal − reached| on the stand-in of the tests, 300 goals of 60 unseen ropes, in mm; "noise" is a
+//! Gaussian error of 2 mm in every rollout that training sees (measured 2026-11 by
+//! `cargo test --release -p offline --lib train -- --ignored --nocapture`):
+//!
+//! | rollouts | step | exact | noise |
+//! |---|---|---|---|
+//! | 500 | regression | 6.4 | 6.5 |
+//! | 500 | and correction | 0.62 | 1.42 |
+//! | 500 + 75 | and one round | 0.47 | 1.13 |
+//! | 500 + 150 | and two rounds | 0.36 | 1.08 |
+//! | 650 | regression and correction, no rounds | 0.62 | |
+//!
+//! Tried and left out: a committee of four forward models (1.42 becomes 1.32 with noise, nothing without,
+//! for twice the time).
 
 mod data;
 mod forward_model;
