@@ -4,9 +4,17 @@
 pub mod collect;
 pub mod demo;
 pub mod effects;
+pub mod evaluate;
 pub mod fit;
+pub mod freeze;
+pub mod inspect;
 pub mod model;
 pub mod observe;
+pub mod paper_units;
 pub mod plot;
+pub mod reach;
 pub mod run_files;
 pub mod sim;
+#[cfg(feature = "train")]
+pub mod train;
+pub mod trained;

@@ -19,12 +19,14 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// How far collecting has come.
+/// How far a piece of work has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Rollouts made or found on disk.
+    /// What is being done.
+    pub stage: &'static str,
+    /// Rollouts made or found on disk; in training, steps.
     pub done: usize,
-    /// Rollouts in the plan.
+    /// Rollouts in the plan; in training, steps.
     pub total: usize,
     /// Refused rollouts among those done.
     pub refused: usize,
@@ -32,13 +34,13 @@ pub struct Progress {
 
 /// The user asked to stop; what is complete is on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("stopped on request: run the same command again to go on from the complete shards")]
+#[error("stopped on request: run the same command again to go on from what is complete")]
 pub struct Stopped;
 
 /// Who watches the work and may stop it.
 #[derive(Clone, Copy)]
 pub struct Watch<'a> {
-    /// Called after every rollout, from any thread.
+    /// Called after every rollout or step, from any thread.
     pub progress: &'a (dyn Fn(Progress) + Sync),
     /// Set to stop soon.
     pub stop: &'a AtomicBool,
@@ -124,6 +126,7 @@ impl<'a> Counter<'a> {
     fn add(&self, rows: &[Row]) {
         let refused = rows.iter().filter(|row| row.reach_m.is_err()).count();
         (self.watch.progress)(Progress {
+            stage: "rollouts",
             done: self.done.fetch_add(rows.len(), Ordering::Relaxed) + rows.len(),
             total: self.total,
             refused: self.refused.fetch_add(refused, Ordering::Relaxed) + refused,

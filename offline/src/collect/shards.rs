@@ -3,7 +3,7 @@
 
 use super::design::Sample;
 use super::rows::{Row, sample_bits};
-use crate::run_files::{FileError, Fnv64, read_sealed, read_whole, seal, write_whole};
+use crate::run_files::{Fnv64, read_sealed, read_whole, seal, write_whole};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -90,7 +90,7 @@ impl Shards {
     /// Writes shard `number`.
     pub fn write(&self, number: usize, rows: &[Row]) -> anyhow::Result<()> {
         let payload = postcard::to_stdvec(rows).context("rows cannot be encoded")?;
-        Ok::<(), FileError>(write_whole(&self.path(number), &seal(KIND, &payload))?).map_err(Into::into)
+        Ok(write_whole(&self.path(number), &seal(KIND, &payload))?)
     }
 
     /// The file of shard `number`.
