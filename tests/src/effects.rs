@@ -35,7 +35,7 @@ pub struct WorldEffects {
     pub camera_offset_m: [f64; 3],
     /// A fan: air moves only inside a ball.
     pub air_jet: Option<AirJet>,
-    /// The rope slides through the first clamp, away from its own middle's side, once.
+    /// The rope slides out of the first clamp, once.
     pub grip_slip: Option<GripSlip>,
     /// A piece of the rope is stiffer.
     pub stiff_piece: Option<StiffPiece>,

@@ -64,113 +64,50 @@ fn difference(effects: &WorldEffects) -> f64 {
     nodes.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
+/// A name and what switches the effect on.
+type Switch = (&'static str, fn(&mut WorldEffects));
+
+const SWITCHES: [Switch; 12] = [
+    ("tip mass", |e| e.tip_mass_kg = 0.009),
+    ("tilt", |e| e.tilt_rad = [0.1, 0.0]),
+    ("linear drag", |e| e.drag_linear_per_s = 5.0),
+    ("drag and wind", |e| {
+        e.drag_normal = 1.1;
+        e.wind_m_s = [-6.0, 0.0, 0.0];
+    }),
+    ("damping", |e| e.damping_s = 0.02),
+    ("friction", |e| e.friction_change = -0.4),
+    ("density", |e| e.density_slope = 0.8),
+    ("lag", |e| e.gripper_lag_s = 0.03),
+    ("clock", |e| e.clock_offset_s = 0.03),
+    ("jet", |e| {
+        e.air_jet = Some(AirJet {
+            centre_m: [0.15, 0.0, 0.05],
+            radius_m: 0.05,
+            velocity_m_s: [0.0, 3.0, 3.0],
+        });
+    }),
+    ("slip", |e| e.grip_slip = Some(SLIP)),
+    ("stiff piece", |e| e.stiff_piece = Some(STIFF)),
+];
+
+const SLIP: GripSlip = GripSlip {
+    at_s: 0.1,
+    for_s: 0.1,
+    by_m: 0.01,
+};
+const STIFF: StiffPiece = StiffPiece {
+    from_m: 0.0,
+    to_m: 0.25,
+    factor: 2.0,
+};
+
 #[test]
 fn every_effect_moves_the_rope_of_a_lift_by_half_a_millimetre_and_more() {
-    let plain = WorldEffects::default();
-    let jet = AirJet {
-        centre_m: [0.15, 0.0, 0.05],
-        radius_m: 0.05,
-        velocity_m_s: [0.0, 3.0, 3.0],
-    };
-    let slip = GripSlip {
-        at_s: 0.6,
-        for_s: 0.1,
-        by_m: 0.01,
-    };
-    let stiff = StiffPiece {
-        from_m: 0.05,
-        to_m: 0.15,
-        factor: 4.0,
-    };
-    let all = [
-        (
-            "tip mass",
-            WorldEffects {
-                tip_mass_kg: 0.009,
-                ..plain.clone()
-            },
-        ),
-        (
-            "tilt",
-            WorldEffects {
-                tilt_rad: [0.1, 0.0],
-                ..plain.clone()
-            },
-        ),
-        (
-            "linear drag",
-            WorldEffects {
-                drag_linear_per_s: 5.0,
-                ..plain.clone()
-            },
-        ),
-        (
-            "drag and wind",
-            WorldEffects {
-                drag_normal: 1.1,
-                wind_m_s: [-6.0, 0.0, 0.0],
-                ..plain.clone()
-            },
-        ),
-        (
-            "damping",
-            WorldEffects {
-                damping_s: 0.02,
-                ..plain.clone()
-            },
-        ),
-        (
-            "friction",
-            WorldEffects {
-                friction_change: -0.4,
-                ..plain.clone()
-            },
-        ),
-        (
-            "density",
-            WorldEffects {
-                density_slope: 0.8,
-                ..plain.clone()
-            },
-        ),
-        (
-            "lag",
-            WorldEffects {
-                gripper_lag_s: 0.03,
-                ..plain.clone()
-            },
-        ),
-        (
-            "clock",
-            WorldEffects {
-                clock_offset_s: 0.03,
-                ..plain.clone()
-            },
-        ),
-        (
-            "jet",
-            WorldEffects {
-                air_jet: Some(jet),
-                ..plain.clone()
-            },
-        ),
-        (
-            "slip",
-            WorldEffects {
-                grip_slip: Some(slip),
-                ..plain.clone()
-            },
-        ),
-        (
-            "stiff piece",
-            WorldEffects {
-                stiff_piece: Some(stiff),
-                ..plain.clone()
-            },
-        ),
-    ];
-    assert_eq!(difference(&plain), 0.0);
-    for (name, effects) in all {
+    assert_eq!(difference(&WorldEffects::default()), 0.0);
+    for (name, switch_on) in SWITCHES {
+        let mut effects = WorldEffects::default();
+        switch_on(&mut effects);
         let moved = difference(&effects);
         assert!(moved > 5e-4 && moved < 0.3, "{name} moves it by {moved} m");
     }
@@ -262,11 +199,7 @@ fn centre(world: &World) -> Vector3<f64> {
 #[test]
 fn a_slipping_rope_comes_out_of_the_clamp() {
     let effects = WorldEffects {
-        grip_slip: Some(GripSlip {
-            at_s: 0.1,
-            for_s: 0.1,
-            by_m: 0.01,
-        }),
+        grip_slip: Some(SLIP),
         ..WorldEffects::default()
     };
     let mut slipping = world(&fixed(), &effects);
@@ -289,11 +222,7 @@ fn stiffness_and_tip_mass_change_the_sag_the_right_way() {
         -beam.rod.x[25].z
     };
     let plain = sag(WorldEffects::default());
-    let stiff_piece = Some(StiffPiece {
-        from_m: 0.0,
-        to_m: 0.25,
-        factor: 2.0,
-    });
+    let stiff_piece = Some(STIFF);
     let stiff = sag(WorldEffects {
         stiff_piece,
         ..WorldEffects::default()

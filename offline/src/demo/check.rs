@@ -5,7 +5,7 @@ use super::{ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observ
 use std::path::Path;
 
 /// Farthest coordinate from the origin that a table-top experiment can have, m.
-const FARTHEST_M: f64 = 20.0;
+pub(super) const FARTHEST_M: f64 = 20.0;
 /// How far the norm of a direction or a quaternion may be from 1.
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Densities from foam (15 kg/m³) to steel wire (8000 kg/m³), with a margin, kg/m³.

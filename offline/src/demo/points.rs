@@ -1,6 +1,7 @@
 //! Point clouds as PLY files: reads ASCII and binary, writes binary little endian float x, y, z.
 
 use super::DemoError;
+use super::check::FARTHEST_M;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     Addable, ElementDef, Encoding, Header, Ply, PropertyAccess, PropertyAccessResult, PropertyDef,
@@ -10,8 +11,6 @@ use ply_rs_bw::writer::Writer;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-/// Farthest coordinate from the origin that a table-top experiment can have, m.
-const FARTHEST_M: f64 = 20.0;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A vertex as the PLY crate fills it; other properties (colour, normals) are ignored.

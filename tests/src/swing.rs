@@ -1,0 +1,76 @@
+//! The swing task in the twin world: the rope hangs from a fixed clamp, its bottom end is dragged
+//! to a release point and let go; the score is the largest x that the tip reaches.
+
+use crate::dynamics::{ClampMotion, Material};
+use crate::motion::{ClampPath, Leg};
+use crate::sample_rope::{depth_sensor, two_cameras};
+use crate::world::{TruthFrame, WorldSpec};
+use offline::demo::{RopeEnd, SceneKind, TableSpec};
+use shared::profile::MotionLimits;
+use shared::task::SwingTask;
+
+/// Length of rope in the fixed clamp, m.
+const TOP_GRIP_M: f64 = 0.02;
+/// Rest before the drag, s.
+const REST_S: f64 = 0.3;
+/// Time after the release in which the tip is watched, s.
+const WATCH_S: f64 = 1.0;
+
+/// A swing of the rope released at `release_m`, (x, z) in m, dragged within `limits`.
+///
+/// The fixed clamp holds the rope's first 20 mm above its lower face; the gripper's pose is that of
+/// the rope's end.
+pub fn swing(
+    name: &str,
+    mut material: Material,
+    task: &SwingTask,
+    release_m: [f64; 2],
+    limits: &MotionLimits,
+) -> WorldSpec {
+    material.rope.direction = [0.0, 0.0, -1.0];
+    let start_m = [task.top_m[0], 0.0, task.top_m[1] + TOP_GRIP_M];
+    let end_m = [start_m[0], 0.0, start_m[2] - material.rope.length_m];
+    let drag = Leg {
+        to_m: [release_m[0], 0.0, release_m[1]],
+        limits: *limits,
+        pause_s: task.dwell_s,
+    };
+    let dragged = ClampPath::new(end_m, REST_S, &[drag]);
+    let release_s = dragged.duration_s();
+    let clamp = |end, grip_m, path, opens_at_s| ClampMotion {
+        end,
+        grip_m,
+        path,
+        opens_at_s,
+    };
+    WorldSpec {
+        name: name.to_owned(),
+        notes: "Rope hanging from a fixed clamp, dragged at its bottom end and released.".to_owned(),
+        scene: SceneKind::Swing,
+        material,
+        start_m,
+        table: TableSpec {
+            height_m: 0.0,
+            friction: 0.5,
+        },
+        clamps: vec![
+            clamp(
+                RopeEnd::Start,
+                TOP_GRIP_M,
+                ClampPath::new(start_m, 0.0, &[]),
+                None,
+            ),
+            clamp(RopeEnd::End, task.grip_m, dragged, Some(release_s)),
+        ],
+        cameras: two_cameras(),
+        sensor: depth_sensor(),
+        frame_rate_hz: 100.0,
+        duration_s: release_s + WATCH_S,
+    }
+}
+
+/// The score: the largest x of the rope's end over all frames, m.
+pub fn reach_m(frames: &[TruthFrame]) -> f64 {
+    let tips = frames.iter().filter_map(|frame| frame.nodes_m.last());
+    tips.map(|tip| tip.x).fold(f64::NEG_INFINITY, f64::max)
+}
