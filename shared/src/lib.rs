@@ -2,5 +2,8 @@
 //! profile, policy network, blob format and task geometry. No `std`, no `alloc`, no clock, no file.
 #![no_std]
 
+pub mod arm;
+pub mod ik;
+pub mod messages;
 pub mod profile;
 pub mod task;
