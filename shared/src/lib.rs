@@ -3,7 +3,11 @@
 #![no_std]
 
 pub mod arm;
+pub mod blob;
+#[cfg(test)]
+mod fixtures;
 pub mod ik;
 pub mod messages;
+pub mod policy;
 pub mod profile;
 pub mod task;

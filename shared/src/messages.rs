@@ -252,12 +252,12 @@ coded! {
         FromFuture = 13, "the goal's stamp lies in the future: clocks differ";
         OutOfOrder = 14, "the goal repeats an id or is older than one already judged";
         UnknownRope = 15, "the policy file has no such rope";
-        OutOfRange = 16, "the goal lies outside the range that the policy was trained for";
+        OutOfRange = 16, "the goal lies outside what this rope was seen to reach or the policy was trained for";
         ReleaseOutOfRange = 17, "the release point lies outside the task or beyond the rope's length";
         Unreachable = 18, "the arm cannot reach a pose of the motion within its joint ranges";
         TooFast = 19, "the motion would break a limit of speed, acceleration or jerk";
         Busy = 20, "another goal is being served";
-        NotReady = 21, "no measured pose of the arm yet";
+        NotReady = 21, "no pose of the arm yet that is measured, at rest and within the joint ranges";
         Latched = 22, "a fault is latched: reset first";
         EmergencyStop = 40, "emergency stop";
         RobotSilent = 41, "the arm's state stopped coming";
