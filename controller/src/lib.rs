@@ -6,9 +6,21 @@
 //! client ◄ JointTarget, Status ─┘
 //! ```
 
+pub mod bench;
+pub mod bridge;
+pub mod client;
+pub mod clock;
 pub mod constants;
+pub mod cycle;
 pub mod guard;
 pub mod motion;
 pub mod plan;
+pub mod policy_file;
+pub mod recorder;
+pub mod rt;
 pub mod sample;
+pub mod serve;
+pub mod services;
+pub mod session;
 pub mod step;
+pub mod timing;
