@@ -177,28 +177,35 @@ impl Instance {
         Ok(file)
     }
 
-    /// Only under the lock: no controller of this instance runs, so all of this is left over.
+    /// Only under the lock: no controller of this instance runs, so all of this is left over. What a
+    /// client of an old session makes meanwhile stays for the next start; no new session meets it.
     fn wipe(&self) -> Result<(), SessionError> {
-        let folder = self.folder();
-        match fs::remove_dir_all(&folder) {
+        let current = self.current_file();
+        match fs::remove_file(&current) {
             Err(error) if error.kind() != ErrorKind::NotFound => {
-                return Err(io("cannot remove", &folder)(error));
+                return Err(io("cannot remove", &current)(error));
             }
             _ => {}
         }
-        let shared = Path::new(SHARED_MEMORY);
+        let _ = fs::remove_dir_all(self.folder());
         let prefix = self.prefix();
-        for entry in fs::read_dir(shared).map_err(io("cannot read", shared))?.flatten() {
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                match fs::remove_file(entry.path()) {
-                    Err(error) if error.kind() != ErrorKind::NotFound => {
-                        return Err(io("cannot remove", &entry.path())(error));
-                    }
-                    _ => {}
-                }
+                let _ = fs::remove_file(entry.path());
             }
         }
         Ok(())
+    }
+
+    /// Removes everything that this instance left, its lock file included; refused while it runs.
+    pub fn purge(&self) -> Result<(), SessionError> {
+        let lock = self.lock_file();
+        if !lock.exists() {
+            return Ok(());
+        }
+        let _held = self.take_lock()?;
+        self.wipe()?;
+        fs::remove_file(&lock).map_err(io("cannot remove", &lock))
     }
 }
 
@@ -290,7 +297,7 @@ mod tests {
         drop(session);
         assert!(instance.running_config().is_err());
         drop(instance.start().unwrap());
-        fs::remove_dir_all(instance.folder()).unwrap();
-        fs::remove_file(instance.lock_file()).unwrap();
+        instance.purge().unwrap();
+        assert!(!instance.folder().exists() && !instance.lock_file().exists());
     }
 }

@@ -2,11 +2,13 @@
 //! kill -9 at the worst moments.
 
 use controller::client::Client;
+use controller::session::Instance;
 use controller::{policy_file, sample};
 use shared::arm::{
     self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, JERK_MAX_RAD_S3, JOINTS, SPEED_MAX_RAD_S,
 };
 use shared::messages::{CommandKind, Gripper, JointTarget, Phase, Reason, Status};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -79,13 +81,19 @@ impl World {
         self.folder.path().join(name)
     }
 
+    /// Where the programs of this world write their messages.
+    fn log(&self) -> Stdio {
+        let file = File::options().create(true).append(true).open(self.path("log"));
+        file.expect("a log file").into()
+    }
+
     fn controller(&self, more: &[&str]) -> Process {
         let child = Command::new(program("controller"))
             .arg("--policy")
             .arg(self.path("policy.blob"))
             .args(["--instance", &self.instance, "--robot-timeout-ms", "2000"])
             .args(more)
-            .stderr(Stdio::null())
+            .stderr(self.log())
             .spawn()
             .expect("the controller starts");
         Process(child)
@@ -94,7 +102,7 @@ impl World {
     fn robot(&self) -> Process {
         let child = Command::new(program("examples/sim_robot"))
             .args(["--instance", &self.instance])
-            .stderr(Stdio::null())
+            .stderr(self.log())
             .spawn()
             .expect("the simulated arm starts");
         Process(child)
@@ -102,6 +110,20 @@ impl World {
 
     fn client(&self) -> Client {
         Client::connect(&self.instance, PATIENCE).expect("a connection")
+    }
+}
+
+impl Drop for World {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let log = std::fs::read_to_string(self.path("log")).unwrap_or_default();
+            eprintln!("what the programs said:\n{log}");
+        }
+        // The programs of a test are declared after its world, so they have ended by now.
+        let purged = Instance::new(&self.instance).and_then(|instance| instance.purge());
+        if let Err(error) = purged {
+            eprintln!("left behind: {error}");
+        }
     }
 }
 
