@@ -96,6 +96,8 @@ pub struct Controller {
     mode: Mode,
     /// `None` until the first measured pose.
     guard: Option<Guard>,
+    /// Whether the present stream's first target, the measured pose, is out.
+    stream_begun: bool,
     gripper: Gripper,
     robot: RobotState,
     silent_cycles: u64,
@@ -114,6 +116,7 @@ impl Controller {
             period_s: (setup.cycle_ns * u64::from(setup.cycles_per_target)) as f64 * 1e-9,
             mode: Mode::Waiting,
             guard: None,
+            stream_begun: false,
             gripper: Gripper::Open,
             robot: RobotState::default(),
             // Silent until heard.
@@ -345,6 +348,7 @@ impl Controller {
             });
         if !goes_on {
             self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
+            self.stream_begun = false;
             self.status.stream += 1;
         }
         self.mode = Mode::Idle;
@@ -404,7 +408,9 @@ impl Controller {
 
     /// The next target, which has passed the guard; none while waiting, in fault or at the end.
     fn advance(&mut self, now_ns: u64) -> Option<JointTarget> {
-        self.next_leg();
+        if self.stream_begun {
+            self.next_leg();
+        }
         if matches!(self.mode, Mode::Running { .. }) {
             match self.joints_of_leg() {
                 Ok(next) => {
@@ -450,6 +456,9 @@ impl Controller {
         let (Mode::Running { plan, leg, target }, Some(guard)) = (&self.mode, &self.guard) else {
             return Err(Reason::NotReady);
         };
+        if !self.stream_begun {
+            return Ok(guard.last_rad());
+        }
         let t_s = f64::from(*target) * self.period_s;
         match &plan.legs[*leg].motion {
             Motion::Hold => Ok(guard.last_rad()),
@@ -493,6 +502,7 @@ impl Controller {
 
     fn send(&mut self, next_rad: &Joints, now_ns: u64) -> Option<JointTarget> {
         let dq_rad_s = self.guard.as_mut()?.pass(next_rad).ok()?;
+        self.stream_begun = true;
         self.targets_sent += 1;
         Some(JointTarget {
             magic: TARGET_MAGIC,
