@@ -41,8 +41,8 @@ fn event() -> impl Strategy<Value = Event> {
         1 => prop::num::f64::ANY,
     ];
     prop_oneof![
-        6 => (x_m, 0u32..2, -700_000_000i64..100_000_000, prop::bool::weighted(0.95))
-            .prop_map(|(x_m, rope, age_ns, magic)| Event::Goal { x_m, rope: rope / 2, age_ns: age_ns.min(0) / 2, magic }),
+        6 => (x_m, prop::bool::weighted(0.05), 0i64..600_000_000, prop::bool::weighted(0.95))
+            .prop_map(|(x_m, unknown, age_ns, magic)| Event::Goal { x_m, rope: unknown.into(), age_ns: -age_ns, magic }),
         3 => (0u32..6).prop_map(|kind| Event::Command { kind }),
         1 => Just(Event::Silence),
         3 => Just(Event::Voice),
@@ -115,7 +115,8 @@ proptest! {
         for (event, cycles) in &events {
             apply(&mut world, &mut voice, event);
             for _ in 0..=*cycles {
-                let measured = world.arm.map(|arm| arm.q_rad);
+                // The newest pose heard, which a silent arm has left behind.
+                let measured = world.arm.or(voice).map(|arm| arm.q_rad);
                 let sent = world.targets.len();
                 world.cycle();
                 let new_stream = world.targets.len() > sent
