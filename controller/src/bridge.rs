@@ -4,7 +4,6 @@
 use crate::cycle::Queues;
 use crate::recorder;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
-use crossbeam::queue::ArrayQueue;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -41,9 +40,9 @@ impl Bridge {
     /// Carries everything that waits, once; `on_status` sees each status as it passes.
     pub fn round(&mut self, queues: &Queues, on_status: &mut dyn FnMut(&Status)) {
         let mut failures = [
-            take(&self.commands, queues, &queues.commands),
-            take(&self.goals, queues, &queues.goals),
-            take(&self.robots, queues, &queues.robots),
+            take(&self.commands, queues, |command| queues.put_command(command)),
+            take(&self.goals, queues, |goal| queues.put(&queues.goals, goal)),
+            take(&self.robots, queues, |robot| queues.put(&queues.robots, robot)),
             None,
             None,
         ];
@@ -80,15 +79,15 @@ impl Bridge {
     }
 }
 
-/// From a port to a queue; what went wrong, if anything did.
+/// From a port to where `put` puts it; what went wrong, if anything did.
 fn take<T: Payload>(
     port: &Subscriber<ipc::Service, T, ()>,
     queues: &Queues,
-    queue: &ArrayQueue<T>,
+    put: impl Fn(T),
 ) -> Option<String> {
     loop {
         match port.receive() {
-            Ok(Some(sample)) => queues.put(queue, *sample),
+            Ok(Some(sample)) => put(*sample),
             Ok(None) => return None,
             Err(error) => {
                 queues.count_lost();

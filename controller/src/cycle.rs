@@ -8,15 +8,17 @@ use crate::step::{Controller, Inputs, Output};
 use crate::timing::Timing;
 use crossbeam::queue::ArrayQueue;
 use shared::arm::LEVEL_POSTURE_RAD;
-use shared::messages::{Command, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
+use shared::messages::{Command, CommandKind, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// What the loop and the bridge share; made once, before the loop starts.
 pub struct Queues {
     /// Bridge to loop.
     pub goals: ArrayQueue<Goal>,
-    /// Bridge to loop.
+    /// Bridge to loop: everything but emergency stops.
     pub commands: ArrayQueue<Command>,
+    /// Bridge to loop: emergency stops, which no flood of other commands may delay or push out.
+    pub stops: ArrayQueue<Command>,
     /// Bridge to loop.
     pub robots: ArrayQueue<RobotState>,
     /// Loop to bridge.
@@ -38,6 +40,7 @@ impl Queues {
         Self {
             goals: ArrayQueue::new(REQUEST_QUEUE),
             commands: ArrayQueue::new(REQUEST_QUEUE),
+            stops: ArrayQueue::new(REQUEST_QUEUE),
             robots: ArrayQueue::new(ROBOT_QUEUE),
             targets: ArrayQueue::new(TARGET_QUEUE),
             statuses: ArrayQueue::new(STATUS_QUEUE),
@@ -53,6 +56,12 @@ impl Queues {
         if queue.force_push(item).is_some() {
             self.count_lost();
         }
+    }
+
+    /// Puts a command where it belongs.
+    pub fn put_command(&self, command: Command) {
+        let stop = command.kind == CommandKind::EmergencyStop.code();
+        self.put(if stop { &self.stops } else { &self.commands }, command);
     }
 
     /// Counts a message that did not get through.
@@ -105,7 +114,7 @@ impl<'a> Cycle<'a> {
         }
         Inputs {
             goal: self.queues.goals.pop(),
-            command: self.queues.commands.pop(),
+            command: self.queues.stops.pop().or_else(|| self.queues.commands.pop()),
             robot,
             shutdown: self.queues.shutdown.load(Ordering::Relaxed),
             missed_deadlines,
@@ -148,5 +157,58 @@ impl<'a> Cycle<'a> {
             }
         }
         self.queues.ended.store(true, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+    use crate::step::Setup;
+    use shared::messages::{COMMAND_MAGIC, Phase};
+
+    fn command(kind: CommandKind, id: u64) -> Command {
+        Command {
+            magic: COMMAND_MAGIC,
+            stamp_ns: 0,
+            id,
+            kind: kind.code(),
+            reserved: 0,
+        }
+    }
+
+    fn controller() -> Controller {
+        Controller::new(Setup {
+            blob: sample::blob(),
+            cycle_ns: 4_000_000,
+            cycles_per_target: 1,
+            silent_cycles_max: 50,
+            degraded: 0,
+        })
+    }
+
+    #[test]
+    fn a_flood_of_commands_does_not_hold_up_a_stop() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        queues.put_command(command(CommandKind::EmergencyStop, 1));
+        for id in 2..1000 {
+            queues.put_command(command(CommandKind::Cancel, id));
+        }
+        cycle.turn(8_000_000, 0, &mut |_| {});
+        assert_eq!(cycle.controller.phase(), Phase::Stopping);
+        assert!(queues.lost() > 900, "the flood is counted");
+    }
+
+    #[test]
+    fn a_dry_run_sends_nothing() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        for k in 1..10 {
+            let output = cycle.turn(k * 4_000_000, 0, &mut |_| panic!("a target left"));
+            assert!(output.target.is_some());
+        }
+        assert!(queues.targets.is_empty());
     }
 }

@@ -69,18 +69,18 @@ fn the_counter_counts() {
 /// What arrives before turn `k`: a bit of everything, over and over.
 fn disturb(queues: &Queues, k: u64, now_ns: u64, last: Option<&JointTarget>) {
     let robot = RobotState {
-        magic: if k % 997 == 0 { 0 } else { ROBOT_MAGIC },
+        magic: if k.is_multiple_of(997) { 0 } else { ROBOT_MAGIC },
         seq: k,
         stamp_ns: now_ns,
         q_rad: last.map_or(LEVEL_POSTURE_RAD, |target| target.q_rad),
-        error_code: u32::from(k % 30_011 == 0),
+        error_code: u32::from(k.is_multiple_of(30_011)),
         ..RobotState::default()
     };
     // Every 10 007 turns the arm falls silent for 60 turns.
     if k % 10_007 >= 60 {
         queues.put(&queues.robots, robot);
     }
-    if k % 250 == 0 {
+    if k.is_multiple_of(250) {
         let x_m = match k / 250 % 4 {
             0 => f64::NAN,
             1 => 2.0,
@@ -100,10 +100,10 @@ fn disturb(queues: &Queues, k: u64, now_ns: u64, last: Option<&JointTarget>) {
         3000 => CommandKind::EmergencyStop.code(),
         3400 => CommandKind::Reset.code(),
         3900 => 77,
-        _ if k % 7013 == 0 => CommandKind::Cancel.code(),
+        _ if k.is_multiple_of(7013) => CommandKind::Cancel.code(),
         _ => 0,
     };
-    if kind != 0 || k % 500 == 0 {
+    if kind != 0 || k.is_multiple_of(500) {
         let command = Command {
             magic: COMMAND_MAGIC,
             stamp_ns: now_ns,
@@ -115,7 +115,7 @@ fn disturb(queues: &Queues, k: u64, now_ns: u64, last: Option<&JointTarget>) {
             },
             reserved: 0,
         };
-        queues.put(&queues.commands, command);
+        queues.put_command(command);
     }
 }
 
