@@ -11,6 +11,8 @@
 //!     │ arm at rest      at rest       │
 //!    Fault ◄────────────────────── Stopping ◄── any state: emergency stop, arm silent while
 //!   (no targets)                                moving, following error, arm's error, guard
+//!
+//!  A shutdown leads through Stopping, where there is something to stop, to Ended.
 //! ```
 
 use crate::constants::{
@@ -176,10 +178,11 @@ impl Controller {
     pub fn phase(&self) -> Phase {
         match &self.mode {
             Mode::Waiting => Phase::Waiting,
-            Mode::Idle | Mode::Ended => Phase::Idle,
+            Mode::Idle => Phase::Idle,
             Mode::Running { plan, leg, .. } => plan.legs[*leg].phase,
             Mode::Stopping { .. } => Phase::Stopping,
             Mode::Fault => Phase::Fault,
+            Mode::Ended => Phase::Ended,
         }
     }
 

@@ -278,6 +278,7 @@ fn shutting_down_slows_down_first() {
         world.run(1);
     }
     assert!(world.ended);
+    assert_eq!(world.controller.phase(), Phase::Ended);
     assert_eq!(world.status.finished_reason, Reason::Shutdown.code());
     let [before, last] = world.targets.last_chunk::<2>().unwrap();
     assert!(

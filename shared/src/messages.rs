@@ -238,6 +238,7 @@ coded! {
         Retreat = 8, "straight line away from the rope";
         Stopping = 9, "slowing down within the limits";
         Fault = 10, "stopped and latched until a reset; no targets";
+        Ended = 11, "the controller ends; no targets";
     }
 }
 
