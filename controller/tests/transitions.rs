@@ -5,7 +5,9 @@ mod virtual_arm;
 use controller::sample;
 use controller::step::Inputs;
 use shared::arm::{self, LEVEL_POSTURE_RAD};
+use shared::blob::Blob;
 use shared::messages::{CommandKind, Gripper, Phase, Reason};
+use shared::profile::MotionLimits;
 use virtual_arm::{SILENT_CYCLES, World, arm_at, limits_hold};
 
 #[test]
@@ -114,6 +116,59 @@ fn each_bad_goal_gets_its_reason_and_changes_nothing() {
     let mut repeated = good;
     repeated.stamp_ns = world.now_ns;
     assert_eq!(world.ask(repeated), Reason::OutOfOrder);
+}
+
+/// A world whose policy file was changed.
+fn changed(change: impl Fn(&mut Blob)) -> World {
+    let mut setup = virtual_arm::setup();
+    change(&mut setup.blob);
+    let mut world = World::with(setup);
+    world.run(2);
+    world
+}
+
+#[test]
+fn what_the_arm_or_the_rope_cannot_do_is_refused_before_it_moves() {
+    type Change = fn(&mut Blob);
+    let cases: [(Change, Reason); 4] = [
+        (|blob| blob.frame.origin_m[0] = 0.9, Reason::Unreachable),
+        (|blob| blob.frame.origin_m[0] = 0.05, Reason::Unreachable),
+        (|blob| blob.ropes[0].length_m = 0.1, Reason::ReleaseOutOfRange),
+        (
+            |blob| {
+                blob.motion = MotionLimits {
+                    speed_m_s: 1.0,
+                    acceleration_m_s2: 50.0,
+                    jerk_m_s3: 1000.0,
+                }
+            },
+            Reason::TooFast,
+        ),
+    ];
+    for (change, reason) in cases {
+        let mut world = changed(change);
+        let goal = world.goal_at(0.33);
+        assert_eq!(world.ask(goal), reason);
+        assert_eq!(world.controller.phase(), Phase::Idle);
+    }
+}
+
+#[test]
+fn a_turned_and_shifted_task_is_served_within_the_limits() {
+    for yaw_rad in [-0.6f64, 0.3, 1.2] {
+        let mut world = changed(|blob| {
+            let (sin, cos) = (yaw_rad + 0.15).sin_cos();
+            blob.frame.yaw_rad = yaw_rad;
+            blob.frame.origin_m = [0.35 * cos, 0.35 * sin, 0.12];
+            blob.motion.speed_m_s = 0.25;
+            blob.motion.jerk_m_s3 = 40.0;
+        });
+        world.accept();
+        world.run_to(Phase::Retreat);
+        world.run_to(Phase::Idle);
+        assert_eq!(world.latch(), Reason::Accepted);
+        limits_hold(&world.targets).unwrap();
+    }
 }
 
 #[test]

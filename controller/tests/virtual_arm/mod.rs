@@ -53,8 +53,13 @@ pub fn arm_at(q_rad: Joints) -> RobotState {
 impl World {
     /// The arm is there and still, but nothing has been said yet.
     pub fn new() -> Self {
+        Self::with(setup())
+    }
+
+    /// The same with another setup.
+    pub fn with(setup: Setup) -> Self {
         Self {
-            controller: Controller::new(setup()),
+            controller: Controller::new(setup),
             now_ns: 1_000_000_000,
             next: Inputs::default(),
             arm: Some(arm_at(LEVEL_POSTURE_RAD)),
