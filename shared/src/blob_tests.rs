@@ -196,3 +196,13 @@ proptest! {
         prop_assert!(parse(&sealed(&bytes)).is_err());
     }
 }
+
+#[test]
+fn parsing_fits_a_small_stack() {
+    let bytes: &'static [u8] = &BYTES;
+    let thread = std::thread::Builder::new().stack_size(1024 * 1024);
+    let parsed = thread
+        .spawn(move || parse(bytes).is_ok())
+        .expect("threads can be made");
+    assert!(parsed.join().expect("no panic"));
+}

@@ -20,6 +20,9 @@ pub const HIDDEN: [usize; 3] = [256, 128, 32];
 /// Outputs: x and z of the release point.
 pub const OUTPUTS: usize = 2;
 
+/// Bytes of one weight in a payload.
+const VALUE_BYTES: usize = 4;
+
 /// Halvings of the bisection in [`ReleaseRegion::project`]: down to the resolution of an f64 share.
 const PROJECTION_STEPS: usize = 53;
 
@@ -75,16 +78,28 @@ impl<const I: usize, const O: usize> Layer<I, O> {
                 biases: bias.len(),
             });
         }
-        let mut layer = Self {
-            weights: [[0.0; O]; I],
-            bias: [0.0; O],
-        };
+        let mut layer = Self::ZERO;
         for (row, values) in layer.weights.iter_mut().zip(weights.chunks_exact(O)) {
             row.copy_from_slice(values);
         }
         layer.bias.copy_from_slice(bias);
         Ok(layer)
     }
+
+    /// Fills the layer with the values at the front of `bytes` and returns the rest.
+    fn fill<'a>(&mut self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let (values, rest) = bytes.split_at_checked(VALUE_BYTES * (I * O + O))?;
+        let slots = self.weights.iter_mut().flatten().chain(&mut self.bias);
+        for (slot, value) in slots.zip(values.chunks_exact(VALUE_BYTES)) {
+            *slot = f32::from_le_bytes([value[0], value[1], value[2], value[3]]);
+        }
+        Some(rest)
+    }
+
+    const ZERO: Self = Self {
+        weights: [[0.0; O]; I],
+        bias: [0.0; O],
+    };
 
     /// Weights and biases times `input`, before any activation.
     fn apply(&self, input: &[f32; I]) -> [f32; O] {
@@ -144,10 +159,7 @@ impl<'de, const I: usize, const O: usize> Visitor<'de> for LayerVisitor<I, O> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Self::Value, A::Error> {
-        let mut layer = Layer {
-            weights: [[0.0; O]; I],
-            bias: [0.0; O],
-        };
+        let mut layer = Layer::ZERO;
         for (at, slot) in layer
             .weights
             .iter_mut()
@@ -184,6 +196,21 @@ impl Network {
         let third = self.third.apply_relu(&second);
         self.last.apply(&third)
     }
+
+    /// Fills the network with the values at the front of `bytes` and returns the rest.
+    fn fill<'a>(&mut self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let rest = self.first.fill(bytes)?;
+        let rest = self.second.fill(rest)?;
+        let rest = self.third.fill(rest)?;
+        self.last.fill(rest)
+    }
+
+    const ZERO: Self = Self {
+        first: Layer::ZERO,
+        second: Layer::ZERO,
+        third: Layer::ZERO,
+        last: Layer::ZERO,
+    };
 
     fn is_finite(&self) -> bool {
         self.first.is_finite() && self.second.is_finite() && self.third.is_finite() && self.last.is_finite()
@@ -393,6 +420,46 @@ pub struct Policy {
 }
 
 impl Policy {
+    /// All zeros: a place for [`Policy::fill`] to write to, and no usable policy.
+    pub(crate) const ZERO: Self = {
+        let nothing = Scale {
+            mean: 0.0,
+            scale: 0.0,
+        };
+        let empty = Interval { low: 0.0, high: 0.0 };
+        Self {
+            network: Network::ZERO,
+            normaliser: Normaliser {
+                goal_x: nothing,
+                log_young: nothing,
+                poisson: nothing,
+                release_x: nothing,
+                release_z: nothing,
+            },
+            ranges: TrainingRanges {
+                goal_x_m: empty,
+                young_pa: empty,
+                poisson: empty,
+            },
+            region: ReleaseRegion {
+                x_m: empty,
+                z_m: empty,
+                top_m: [0.0; 2],
+                radius_m: 0.0,
+            },
+        }
+    };
+
+    /// Decodes what serde encoded into postcard, in place, and returns the rest of the bytes; the result
+    /// is not yet checked. Postcard writes an `f32` as its four bytes, so the network is copied straight
+    /// in; serde's own way returns each layer by value several times and takes over 1 MB of stack.
+    pub(crate) fn fill<'a>(&mut self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let rest = self.network.fill(bytes)?;
+        let (parts, rest) = postcard::take_from_bytes(rest).ok()?;
+        (self.normaliser, self.ranges, self.region) = parts;
+        Some(rest)
+    }
+
     /// From its parts, checked: finite weights, usable scales, non-empty ranges and region.
     pub fn from_parts(
         network: Network,

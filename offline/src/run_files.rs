@@ -1,0 +1,271 @@
+//! The files of a run: written whole or not at all, and a content hash to tell them apart.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A file operation that failed, with the path and what to do.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {action} {}: {source}; check the path, its permissions and the free space", path.display())]
+pub struct FileError {
+    action: &'static str,
+    path: PathBuf,
+    source: std::io::Error,
+}
+
+impl FileError {
+    /// Wraps the error of `action` ("read", "write", ...) on `path`.
+    pub fn new(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+        Self {
+            action,
+            path: path.to_path_buf(),
+            source,
+        }
+    }
+}
+
+/// Writes `bytes` to `path` so that after any crash the path holds the old content or the new, whole:
+/// a temporary file in the same folder is synced, renamed over the path, and the folder is synced.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    let fail = |source| FileError::new("write", path, source);
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(folder).map_err(fail)?;
+    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
+    file.write_all(bytes).map_err(fail)?;
+    file.as_file().sync_all().map_err(fail)?;
+    share_as_usual(file.as_file()).map_err(fail)?;
+    file.persist(path).map_err(|error| fail(error.error))?;
+    File::open(folder)
+        .and_then(|folder| folder.sync_all())
+        .map_err(fail)
+}
+
+/// Temporary files are private to their user; a result is readable like any other file.
+#[cfg(unix)]
+fn share_as_usual(file: &File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn share_as_usual(_file: &File) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// The whole content of a file.
+pub fn read_whole(path: &Path) -> Result<Vec<u8>, FileError> {
+    fs::read(path).map_err(|source| FileError::new("read", path, source))
+}
+
+/// A binary file that is not whole, or not of the expected kind.
+#[derive(Debug, thiserror::Error)]
+#[error("{} is damaged or of another version: delete it and run the step that makes it again", path.display())]
+pub struct SealError {
+    path: PathBuf,
+}
+
+/// Bytes in front of a sealed payload: kind (8), payload length (4), CRC-32 of kind and payload (4).
+const SEAL_BYTES: usize = 16;
+
+/// Puts a header in front of `payload` that shows damage and mix-ups; `kind` names format and version.
+pub fn seal(kind: &[u8; 8], payload: &[u8]) -> Vec<u8> {
+    let mut bytes = kind.to_vec();
+    bytes.extend((payload.len() as u32).to_le_bytes());
+    bytes.extend(seal_crc(kind, payload).to_le_bytes());
+    bytes.extend(payload);
+    bytes
+}
+
+/// Reads a file that [`seal`] made and returns its payload.
+pub fn read_sealed(kind: &[u8; 8], path: &Path) -> anyhow::Result<Vec<u8>> {
+    let mut bytes = read_whole(path)?;
+    let damaged = || SealError {
+        path: path.to_path_buf(),
+    };
+    let (header, payload) = bytes.split_first_chunk::<SEAL_BYTES>().ok_or_else(damaged)?;
+    let length = (payload.len() as u32).to_le_bytes();
+    let crc = seal_crc(kind, payload).to_le_bytes();
+    if header[..8] != *kind || header[8..12] != length || header[12..] != crc {
+        return Err(damaged().into());
+    }
+    bytes.drain(..SEAL_BYTES);
+    Ok(bytes)
+}
+
+fn seal_crc(kind: &[u8; 8], payload: &[u8]) -> u32 {
+    let mut crc = crc32fast::Hasher::new();
+    crc.update(kind);
+    crc.update(payload);
+    crc.finalize()
+}
+
+/// 64-bit FNV-1a hash (Fowler, Noll and Vo): tells contents apart by mistake, not against an attacker.
+#[derive(Clone, Copy, Debug)]
+pub struct Fnv64(u64);
+
+impl Default for Fnv64 {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv64 {
+    /// Adds bytes.
+    pub fn add(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+
+    /// The hash of everything added.
+    pub fn value(&self) -> u64 {
+        self.0
+    }
+
+    /// The hash of `bytes`.
+    pub fn of(bytes: &[u8]) -> u64 {
+        let mut hash = Self::default();
+        hash.add(bytes);
+        hash.value()
+    }
+}
+
+/// The folder `runs/<name>/` and the names of the files in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// The run at `path`, which is made if it is not there.
+    pub fn open(path: &Path) -> Result<Self, FileError> {
+        fs::create_dir_all(path).map_err(|source| FileError::new("make", path, source))?;
+        Ok(Self {
+            path: path.to_path_buf(),
+        })
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Fit of the declared parameters.
+    pub fn fit(&self) -> PathBuf {
+        self.path.join("fit.json")
+    }
+
+    /// Residual of the fit.
+    pub fn residual(&self) -> PathBuf {
+        self.path.join("residual.json")
+    }
+
+    /// What was missing in the model.
+    pub fn diagnosis(&self) -> PathBuf {
+        self.path.join("diagnosis.json")
+    }
+
+    /// What the rope is.
+    pub fn model(&self) -> PathBuf {
+        self.path.join("model.toml")
+    }
+
+    /// Folder of rollouts: `0` holds the random design, `n` the answers of the policy in round n.
+    pub fn rollouts(&self, round: usize) -> PathBuf {
+        self.path.join("rollouts").join(round.to_string())
+    }
+
+    /// Evaluation of the policy.
+    pub fn evaluation(&self) -> PathBuf {
+        self.path.join("evaluation.json")
+    }
+
+    /// Network weights, normaliser and ranges.
+    pub fn weights(&self) -> PathBuf {
+        self.path.join("weights.bin")
+    }
+
+    /// How training went.
+    pub fn training(&self) -> PathBuf {
+        self.path.join("training.json")
+    }
+
+    /// What the controller loads.
+    pub fn blob(&self) -> PathBuf {
+        self.path.join("policy.blob")
+    }
+
+    /// Tables for reading.
+    pub fn tables(&self) -> PathBuf {
+        self.path.join("tables.md")
+    }
+
+    /// Figures for looking.
+    pub fn report(&self) -> PathBuf {
+        self.path.join("report.html")
+    }
+
+    /// Command, seed, versions, wall time and hashes.
+    pub fn record(&self) -> PathBuf {
+        self.path.join("run.json")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_written_file_replaces_the_old_one_and_leaves_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep").join("file.bin");
+        write_whole(&path, b"old").unwrap();
+        write_whole(&path, b"new and longer").unwrap();
+        assert_eq!(read_whole(&path).unwrap(), b"new and longer");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("taken");
+        fs::create_dir(&path).unwrap();
+        fs::write(path.join("inside"), b"kept").unwrap();
+        let message = write_whole(&path, b"new").unwrap_err().to_string();
+        assert!(
+            message.contains("taken") && message.contains("check the path"),
+            "{message}"
+        );
+        assert_eq!(fs::read(path.join("inside")).unwrap(), b"kept");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_sealed_file_opens_only_whole_and_as_its_kind() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sealed.bin");
+        let bytes = seal(b"kind/001", b"payload");
+        write_whole(&path, &bytes).unwrap();
+        assert_eq!(read_sealed(b"kind/001", &path).unwrap(), b"payload");
+        assert!(read_sealed(b"kind/002", &path).is_err());
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0x10;
+            write_whole(&path, &damaged).unwrap();
+            assert!(read_sealed(b"kind/001", &path).is_err(), "byte {at}");
+            write_whole(&path, &bytes[..at]).unwrap();
+            assert!(read_sealed(b"kind/001", &path).is_err(), "cut at {at}");
+        }
+    }
+
+    #[test]
+    fn the_hash_is_fnv_1a() {
+        // Test vectors of the authors' reference implementation.
+        assert_eq!(Fnv64::of(b""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(Fnv64::of(b"a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(Fnv64::of(b"foobar"), 0x8594_4171_f739_67e8);
+    }
+}
