@@ -10,8 +10,7 @@ use controller::session::DEFAULT_INSTANCE;
 use controller::step::{Controller, Setup};
 use controller::{bench, motion, rt, sample};
 use serde_json::json;
-use shared::arm::{self, DEFAULT_TASK_ORIGIN_M, Joints};
-use shared::blob::TaskFrame;
+use shared::arm::{self, DEFAULT_TASK_FRAME, Joints};
 use shared::ik;
 use std::fs::File;
 use std::io::BufReader;
@@ -200,10 +199,7 @@ fn fk(q_rad: &[f64], as_json: bool) -> Result<()> {
 fn inverse(point_m: [f64; 2], policy: Option<&Path>, as_json: bool) -> Result<()> {
     let frame = match policy {
         Some(path) => policy_file::read(path)?.blob.frame,
-        None => TaskFrame {
-            origin_m: DEFAULT_TASK_ORIGIN_M,
-            yaw_rad: 0.0,
-        },
+        None => DEFAULT_TASK_FRAME,
     };
     let pose = motion::task_pose(&frame, point_m);
     let position: [f64; 3] = pose.position_m.into();

@@ -1,8 +1,8 @@
 //! A policy file made in code: an untrained network over the paper's task. Tests and the benchmark
 //! use it where no identified rope is at hand; its motions are as long as a trained policy's.
 
-use shared::arm::DEFAULT_TASK_ORIGIN_M;
-use shared::blob::{Blob, Provenance, RopeEntry, TaskFrame};
+use shared::arm::DEFAULT_TASK_FRAME;
+use shared::blob::{Blob, Provenance, RopeEntry};
 use shared::policy::{
     HIDDEN, INPUTS, Layer, Network, Normaliser, OUTPUTS, Policy, ReleaseRegion, Scale, TrainingRanges,
 };
@@ -74,10 +74,7 @@ pub fn blob() -> Box<Blob> {
         policy: policy(&task),
         ropes: [rope()].into_iter().collect(),
         task,
-        frame: TaskFrame {
-            origin_m: DEFAULT_TASK_ORIGIN_M,
-            yaw_rad: 0.0,
-        },
+        frame: DEFAULT_TASK_FRAME,
         motion: MotionLimits::PAPER,
         provenance: Provenance {
             demos: Default::default(),

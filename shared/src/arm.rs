@@ -4,6 +4,7 @@
 //! Sources: UFACTORY `kinematic-and-dynamic-parameters` (table), `p04robot-specifications` (speed,
 //! acceleration, jerk, flange speed), xArm-Python-SDK `x_config.py` (joint ranges of both serials).
 
+use crate::blob::TaskFrame;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// Number of joints.
@@ -66,9 +67,12 @@ pub const FLANGE_SPEED_MAX_M_S: f64 = 1.0;
 /// then every point of the task keeps 0.3 rad to its limits; with joint 5 at zero joint 6 runs out.
 pub const LEVEL_POSTURE_RAD: Joints = [0.0, 0.2, 0.0, 1.0, core::f64::consts::PI, 1.3, 0.0];
 
-/// Where the flange is when the gripper is at the task's origin, base frame, m, for a robot that looks
-/// along the task's +x: with it every point of the task is reached 0.4 rad or more inside the ranges.
-pub const DEFAULT_TASK_ORIGIN_M: [f64; 3] = [0.35, 0.0, 0.12];
+/// Where the task stands when nothing else is said: the robot looks along the task's +x, and every
+/// point of the task is reached 0.4 rad or more inside the joint ranges.
+pub const DEFAULT_TASK_FRAME: TaskFrame = TaskFrame {
+    origin_m: [0.35, 0.0, 0.12],
+    yaw_rad: 0.0,
+};
 
 /// Position and orientation of the flange in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

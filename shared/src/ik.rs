@@ -149,12 +149,12 @@ mod tests {
     #[test]
     fn the_whole_task_is_reached_well_inside_the_ranges() {
         // From behind the lowest release point to the tip of the shortest and the longest rope.
-        let [x0, y0, z0] = arm::DEFAULT_TASK_ORIGIN_M;
+        let frame = arm::DEFAULT_TASK_FRAME;
         let mut least = f64::INFINITY;
         for i in 0..=28 {
             for k in 0..=28 {
                 let (x, z) = (-0.02 + 0.01 * i as f64, 0.02 + 0.01 * k as f64);
-                let q = solve(&FlangePose::level([x0 + x, y0, z0 + z], 0.0)).unwrap();
+                let q = solve(&FlangePose::level(frame.flange_m([x, z]), frame.yaw_rad)).unwrap();
                 least = least.min(arm::margin_rad(&q));
             }
         }
