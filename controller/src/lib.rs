@@ -1,1 +1,26 @@
 //! The real-time controller: a pure step, the loop around it and the second thread that talks.
+//!
+//! ```text
+//! client ─ Goal, Command ─► bridge ─ queues ─► loop: step(inputs, now) ─► guard ─► blackboard ─► arm
+//! arm ──── RobotState ────►  thread ◄─ queues ─ (no lock, no allocation, no log)
+//! client ◄ JointTarget, Status ─┘
+//! ```
+
+pub mod bench;
+pub mod bridge;
+pub mod client;
+pub mod clock;
+pub mod constants;
+pub mod cycle;
+pub mod guard;
+pub mod motion;
+pub mod plan;
+pub mod policy_file;
+pub mod recorder;
+pub mod rt;
+pub mod sample;
+pub mod serve;
+pub mod services;
+pub mod session;
+pub mod step;
+pub mod timing;

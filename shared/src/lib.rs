@@ -2,9 +2,12 @@
 //! profile, policy network, blob format and task geometry. No `std`, no `alloc`, no clock, no file.
 #![no_std]
 
+pub mod arm;
 pub mod blob;
 #[cfg(test)]
 mod fixtures;
+pub mod ik;
+pub mod messages;
 pub mod policy;
 pub mod profile;
 pub mod task;

@@ -1,0 +1,99 @@
+//! Plays the arm: follows the newest target with a first-order lag and reports its joints 250 times a
+//! second. The shape of a real driver: replace the lag by the arm's own interface.
+//!
+//! `cargo run --release -p controller --example sim_robot`
+
+use anyhow::Result;
+use clap::Parser;
+use controller::client::{ArmPort, Client};
+use controller::clock;
+use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
+use shared::messages::RobotState;
+use std::time::{Duration, Instant};
+
+const PERIOD_NS: u64 = 4_000_000;
+/// A live controller sends a status every 100 ms.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// A simulated xArm7.
+#[derive(Parser)]
+struct Args {
+    /// Name of the controller
+    #[arg(long, default_value = "genorm")]
+    instance: String,
+    /// Time constant of the joints, s
+    #[arg(long, default_value_t = 0.02)]
+    lag_s: f64,
+    /// End after this time, s; 0 is never
+    #[arg(long, default_value_t = 0.0)]
+    seconds: f64,
+}
+
+struct Arm {
+    q_rad: Joints,
+    dq_rad_s: Joints,
+    gripper: u32,
+    share_per_period: f64,
+}
+
+impl Arm {
+    fn follow(&mut self, port: &ArmPort) {
+        let Some(target) = port.newest_target() else {
+            return;
+        };
+        let period_s = PERIOD_NS as f64 * 1e-9;
+        for i in 0..JOINTS {
+            let step = (target.q_rad[i] - self.q_rad[i]) * self.share_per_period;
+            self.q_rad[i] += step;
+            self.dq_rad_s[i] = step / period_s;
+        }
+        self.gripper = target.gripper;
+    }
+
+    fn state(&self) -> RobotState {
+        RobotState {
+            q_rad: self.q_rad,
+            dq_rad_s: self.dq_rad_s,
+            gripper: self.gripper,
+            ..RobotState::default()
+        }
+    }
+}
+
+fn main() -> Result<()> {
+    let args = Args::parse();
+    let end = (args.seconds > 0.0).then(|| Instant::now() + Duration::from_secs_f64(args.seconds));
+    let ended = || end.is_some_and(|end| Instant::now() > end);
+    let mut arm = Arm {
+        q_rad: LEVEL_POSTURE_RAD,
+        dq_rad_s: [0.0; JOINTS],
+        gripper: 0,
+        share_per_period: 1.0 - (-(PERIOD_NS as f64) * 1e-9 / args.lag_s).exp(),
+    };
+    while !ended() {
+        // A controller that is not there yet, or was restarted, is waited for.
+        if let Ok(mut client) = Client::connect(&args.instance, SILENCE)
+            && let Err(error) = play(&mut arm, &mut client, &ended)
+        {
+            eprintln!("sim_robot: {error:#}; connecting again");
+        }
+    }
+    Ok(())
+}
+
+/// Until the end, or until the controller falls silent.
+fn play(arm: &mut Arm, client: &mut Client, ended: &dyn Fn() -> bool) -> Result<()> {
+    let mut port = client.arm()?;
+    let mut heard = Instant::now();
+    let mut next_ns = clock::now_ns();
+    while !ended() && heard.elapsed() < SILENCE {
+        while client.next_status()?.is_some() {
+            heard = Instant::now();
+        }
+        arm.follow(&port);
+        port.send_state(arm.state())?;
+        next_ns = (next_ns + PERIOD_NS).max(clock::now_ns());
+        clock::sleep_until(next_ns);
+    }
+    Ok(())
+}

@@ -1,0 +1,108 @@
+//! The ordinary thread between the loop and the world: it carries goals, commands and arm states to the
+//! loop, targets, statuses and records from it. It may allocate and wait; the loop never waits for it.
+
+use crate::cycle::Queues;
+use crate::recorder;
+use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
+use iceoryx2::node::Node;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::ipc;
+use shared::messages::{Command, Goal, JointTarget, RobotState, Status};
+use std::fs::File;
+use std::io::BufWriter;
+
+/// The publish-subscribe ports of the controller and, if asked for, the recording.
+pub struct Bridge {
+    goals: Subscriber<ipc::Service, Goal, ()>,
+    commands: Subscriber<ipc::Service, Command, ()>,
+    robots: Subscriber<ipc::Service, RobotState, ()>,
+    targets: Publisher<ipc::Service, JointTarget, ()>,
+    statuses: Publisher<ipc::Service, Status, ()>,
+    recording: Option<BufWriter<File>>,
+    complained: bool,
+}
+
+impl Bridge {
+    /// Creates the services and their ports.
+    pub fn new(node: &Node<ipc::Service>, recording: Option<BufWriter<File>>) -> Result<Self, ServiceError> {
+        Ok(Self {
+            goals: GOALS.subscriber(node, true)?,
+            commands: COMMANDS.subscriber(node, true)?,
+            robots: ROBOT.subscriber(node, true)?,
+            targets: TARGETS.publisher(node, true)?,
+            statuses: STATUS.publisher(node, true)?,
+            recording,
+            complained: false,
+        })
+    }
+
+    /// Carries everything that waits, once; `on_status` sees each status as it passes.
+    pub fn round(&mut self, queues: &Queues, on_status: &mut dyn FnMut(&Status)) {
+        let mut failures = [
+            take(&self.commands, queues, |command| queues.put_command(command)),
+            take(&self.goals, queues, |goal| queues.put(&queues.goals, goal)),
+            take(&self.robots, queues, |robot| queues.put(&queues.robots, robot)),
+            None,
+            None,
+        ];
+        while let Some(target) = queues.targets.pop() {
+            failures[3] = failures[3].take().or(give(&self.targets, target, queues));
+        }
+        while let Some(status) = queues.statuses.pop() {
+            on_status(&status);
+            failures[4] = failures[4].take().or(give(&self.statuses, status, queues));
+        }
+        self.record(queues);
+        for failure in failures.into_iter().flatten() {
+            self.complain(&failure);
+        }
+    }
+
+    fn record(&mut self, queues: &Queues) {
+        let Some(records) = &queues.records else { return };
+        while let Some(record) = records.pop() {
+            let Some(file) = &mut self.recording else { continue };
+            if let Err(error) = recorder::append(file, &record) {
+                self.recording = None;
+                self.complain(&format!("the recording ends here: {error}"));
+            }
+        }
+    }
+
+    /// Once is enough: what goes wrong every millisecond is counted in the status.
+    fn complain(&mut self, failure: &str) {
+        if !self.complained {
+            eprintln!("controller: {failure}; further failures are only counted (messages_lost)");
+            self.complained = true;
+        }
+    }
+}
+
+/// From a port to where `put` puts it; what went wrong, if anything did.
+fn take<T: Payload>(
+    port: &Subscriber<ipc::Service, T, ()>,
+    queues: &Queues,
+    put: impl Fn(T),
+) -> Option<String> {
+    loop {
+        match port.receive() {
+            Ok(Some(sample)) => put(*sample),
+            Ok(None) => return None,
+            Err(error) => {
+                queues.count_lost();
+                return Some(format!("cannot receive: {error:?}"));
+            }
+        }
+    }
+}
+
+fn give<T: Payload>(port: &Publisher<ipc::Service, T, ()>, item: T, queues: &Queues) -> Option<String> {
+    match port.send_copy(item) {
+        Ok(_) => None,
+        Err(error) => {
+            queues.count_lost();
+            Some(format!("cannot send: {error:?}"))
+        }
+    }
+}

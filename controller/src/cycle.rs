@@ -1,0 +1,214 @@
+//! One turn of the loop, and the queues through which it meets the rest of the program. Nothing here
+//! allocates, locks, logs or waits.
+
+use crate::clock::{self, Grid};
+use crate::constants::{RECORD_QUEUE, REQUEST_QUEUE, ROBOT_QUEUE, STATUS_QUEUE, TARGET_QUEUE};
+use crate::recorder::Record;
+use crate::step::{Controller, Inputs, Output};
+use crate::timing::Timing;
+use crossbeam::queue::ArrayQueue;
+use shared::arm::LEVEL_POSTURE_RAD;
+use shared::messages::{Command, CommandKind, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// What the loop and the bridge share; made once, before the loop starts.
+pub struct Queues {
+    /// Bridge to loop.
+    pub goals: ArrayQueue<Goal>,
+    /// Bridge to loop: everything but emergency stops.
+    pub commands: ArrayQueue<Command>,
+    /// Bridge to loop: emergency stops, which no flood of other commands may delay or push out.
+    pub stops: ArrayQueue<Command>,
+    /// Bridge to loop.
+    pub robots: ArrayQueue<RobotState>,
+    /// Loop to bridge.
+    pub targets: ArrayQueue<JointTarget>,
+    /// Loop to bridge.
+    pub statuses: ArrayQueue<Status>,
+    /// Loop to bridge, only when a recording is asked for.
+    pub records: Option<ArrayQueue<Record>>,
+    /// Tells the loop to stop and end.
+    pub shutdown: AtomicBool,
+    /// Set by the loop when it has ended.
+    pub ended: AtomicBool,
+    lost: AtomicU64,
+}
+
+impl Queues {
+    /// Empty queues of the capacities in `constants`.
+    pub fn new(record: bool) -> Self {
+        Self {
+            goals: ArrayQueue::new(REQUEST_QUEUE),
+            commands: ArrayQueue::new(REQUEST_QUEUE),
+            stops: ArrayQueue::new(REQUEST_QUEUE),
+            robots: ArrayQueue::new(ROBOT_QUEUE),
+            targets: ArrayQueue::new(TARGET_QUEUE),
+            statuses: ArrayQueue::new(STATUS_QUEUE),
+            records: record.then(|| ArrayQueue::new(RECORD_QUEUE)),
+            shutdown: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
+            lost: AtomicU64::new(0),
+        }
+    }
+
+    /// Puts an item in, pushing out and counting the oldest when there is no room.
+    pub fn put<T>(&self, queue: &ArrayQueue<T>, item: T) {
+        if queue.force_push(item).is_some() {
+            self.count_lost();
+        }
+    }
+
+    /// Puts a command where it belongs.
+    pub fn put_command(&self, command: Command) {
+        let stop = command.kind == CommandKind::EmergencyStop.code();
+        self.put(if stop { &self.stops } else { &self.commands }, command);
+    }
+
+    /// Counts a message that did not get through.
+    pub fn count_lost(&self) {
+        self.lost.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Items lost so far.
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
+/// The arm that a dry run imagines: where the last target put it, still.
+fn imagined_arm(last: Option<&JointTarget>, now_ns: u64) -> RobotState {
+    RobotState {
+        magic: ROBOT_MAGIC,
+        stamp_ns: now_ns,
+        q_rad: last.map_or(LEVEL_POSTURE_RAD, |target| target.q_rad),
+        ..RobotState::default()
+    }
+}
+
+/// The controller together with its ends of the queues.
+pub struct Cycle<'a> {
+    controller: Controller,
+    queues: &'a Queues,
+    dry_run: bool,
+    last: Option<JointTarget>,
+}
+
+impl<'a> Cycle<'a> {
+    /// With `dry_run` no target leaves and the arm is imagined to follow at once.
+    pub fn new(controller: Controller, queues: &'a Queues, dry_run: bool) -> Self {
+        Self {
+            controller,
+            queues,
+            dry_run,
+            last: None,
+        }
+    }
+
+    fn gather(&self, now_ns: u64, missed_deadlines: u64) -> Inputs {
+        let mut robot = None;
+        while let Some(newer) = self.queues.robots.pop() {
+            robot = Some(newer);
+        }
+        if self.dry_run {
+            robot = Some(imagined_arm(self.last.as_ref(), now_ns));
+        }
+        Inputs {
+            goal: self.queues.goals.pop(),
+            command: self.queues.stops.pop().or_else(|| self.queues.commands.pop()),
+            robot,
+            shutdown: self.queues.shutdown.load(Ordering::Relaxed),
+            missed_deadlines,
+            messages_lost: self.queues.lost(),
+        }
+    }
+
+    /// One turn for the instant `now_ns`; `write` gets the target for the arm, if there is one.
+    pub fn turn(&mut self, now_ns: u64, missed: u64, write: &mut dyn FnMut(&JointTarget)) -> Output {
+        let inputs = self.gather(now_ns, missed);
+        let output = self.controller.step(&inputs, now_ns);
+        if let Some(target) = &output.target {
+            if !self.dry_run {
+                write(target);
+                self.queues.put(&self.queues.targets, *target);
+            }
+            self.last = Some(*target);
+        }
+        if let Some(status) = output.status {
+            self.queues.put(&self.queues.statuses, status);
+        }
+        if let Some(records) = &self.queues.records {
+            self.queues.put(records, Record::new(now_ns, &inputs, &output));
+        }
+        output
+    }
+
+    /// Turns on the grid until the controller has ended.
+    pub fn run(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
+        let mut grid = Grid::new(clock::now_ns(), period_ns);
+        loop {
+            let deadline_ns = grid.next_ns();
+            clock::sleep_until(deadline_ns);
+            let woke_ns = clock::now_ns();
+            let served_ns = grid.serve(woke_ns);
+            let ended = self.turn(served_ns, grid.missed(), write).ended;
+            timing.note(deadline_ns, woke_ns, clock::now_ns());
+            if ended {
+                break;
+            }
+        }
+        self.queues.ended.store(true, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+    use crate::step::Setup;
+    use shared::messages::{COMMAND_MAGIC, Phase};
+
+    fn command(kind: CommandKind, id: u64) -> Command {
+        Command {
+            magic: COMMAND_MAGIC,
+            stamp_ns: 0,
+            id,
+            kind: kind.code(),
+            reserved: 0,
+        }
+    }
+
+    fn controller() -> Controller {
+        Controller::new(Setup {
+            blob: sample::blob(),
+            cycle_ns: 4_000_000,
+            cycles_per_target: 1,
+            silent_cycles_max: 50,
+            degraded: 0,
+        })
+    }
+
+    #[test]
+    fn a_flood_of_commands_does_not_hold_up_a_stop() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        queues.put_command(command(CommandKind::EmergencyStop, 1));
+        for id in 2..1000 {
+            queues.put_command(command(CommandKind::Cancel, id));
+        }
+        cycle.turn(8_000_000, 0, &mut |_| {});
+        assert_eq!(cycle.controller.phase(), Phase::Stopping);
+        assert!(queues.lost() > 900, "the flood is counted");
+    }
+
+    #[test]
+    fn a_dry_run_sends_nothing() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        for k in 1..10 {
+            let output = cycle.turn(k * 4_000_000, 0, &mut |_| panic!("a target left"));
+            assert!(output.target.is_some());
+        }
+        assert!(queues.targets.is_empty());
+    }
+}

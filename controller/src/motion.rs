@@ -1,0 +1,159 @@
+//! Paths as functions of time: a joint motion from rest to rest, and a straight line of the task that
+//! follows the simulator's profile through inverse kinematics. Both are checked when they are planned.
+
+use crate::constants::{HOMING_FLANGE_SPEED_M_S, HOMING_SHARE, LINE_SAMPLES, LINE_SHARE};
+use shared::arm::{
+    self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, FlangePose, JERK_MAX_RAD_S3, JOINTS, Joints,
+    SPEED_MAX_RAD_S,
+};
+use shared::blob::TaskFrame;
+use shared::ik::{self, IkError};
+use shared::profile::{LineProfile, MotionLimits};
+
+/// Peaks of the minimum-jerk polynomial over unit distance and unit time: speed, acceleration, jerk.
+const PEAKS: [f64; 3] = [1.875, 5.773502691896258, 60.0];
+
+/// Minimum-jerk motion of all joints from rest to rest in one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointMove {
+    from_rad: Joints,
+    to_rad: Joints,
+    duration_s: f64,
+}
+
+impl JointMove {
+    /// The fastest such motion within the planning shares of the arm's limits.
+    pub fn new(from_rad: Joints, to_rad: Joints) -> Self {
+        let mut farthest = 0.0f64;
+        for i in 0..JOINTS {
+            farthest = farthest.max((to_rad[i] - from_rad[i]).abs());
+        }
+        let speed = HOMING_SHARE[0] * SPEED_MAX_RAD_S;
+        let acceleration = HOMING_SHARE[1] * ACCELERATION_MAX_RAD_S2;
+        let jerk = HOMING_SHARE[2] * JERK_MAX_RAD_S3;
+        let by_flange = PEAKS[0] * steepest_flange_m(&from_rad, &to_rad) / HOMING_FLANGE_SPEED_M_S;
+        let duration_s = (PEAKS[0] * farthest / speed)
+            .max((PEAKS[1] * farthest / acceleration).sqrt())
+            .max((PEAKS[2] * farthest / jerk).cbrt())
+            .max(by_flange);
+        Self {
+            from_rad,
+            to_rad,
+            duration_s,
+        }
+    }
+
+    /// Time from rest to rest, s.
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Joint angles at time `t_s` after the start, rad.
+    pub fn joints_rad(&self, t_s: f64) -> Joints {
+        let u = if self.duration_s > 0.0 {
+            (t_s / self.duration_s).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        let s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+        std::array::from_fn(|i| self.from_rad[i] + s * (self.to_rad[i] - self.from_rad[i]))
+    }
+}
+
+/// Largest flange travel per share of the straight joint path, m: its speed at one path length a second.
+fn steepest_flange_m(from: &Joints, to: &Joints) -> f64 {
+    const SAMPLES: usize = 33;
+    let mut steepest = 0.0f64;
+    for k in 0..SAMPLES {
+        let share = k as f64 / (SAMPLES - 1) as f64;
+        let q = std::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
+        let (_, jacobian) = arm::flange_and_jacobian(&q);
+        let mut travel = nalgebra::Vector3::zeros();
+        for i in 0..JOINTS {
+            travel += jacobian.fixed_view::<3, 1>(0, i) * (to[i] - from[i]);
+        }
+        steepest = steepest.max(travel.norm());
+    }
+    steepest
+}
+
+/// Why a line cannot be followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LineError {
+    /// A pose of the line has no joint angles.
+    Pose(IkError),
+    /// A joint or the flange would have to move faster than the planning share of its limits.
+    TooFast,
+}
+
+/// The flange at a point (x, z) of the task plane, tool level and along the task's +x.
+pub fn task_pose(frame: &TaskFrame, point_m: [f64; 2]) -> FlangePose {
+    FlangePose::level(frame.flange_m(point_m), frame.yaw_rad)
+}
+
+/// A profile between two points (x, z) of the task plane; its y is zero throughout.
+fn profile_in_plane(from_m: [f64; 2], to_m: [f64; 2], limits: &MotionLimits) -> LineProfile {
+    LineProfile::new([from_m[0], 0.0, from_m[1]], [to_m[0], 0.0, to_m[1]], limits)
+}
+
+/// The flange on a line of the task plane at time `t_s` after its start.
+pub fn pose_on_line(frame: &TaskFrame, profile: &LineProfile, t_s: f64) -> FlangePose {
+    let [x, _, z] = profile.position_m(t_s);
+    task_pose(frame, [x, z])
+}
+
+/// Plans the straight line between two points of the task plane and checks it: every sampled pose has
+/// joint angles and the derivatives along the line keep the limits at the profile's peaks.
+pub fn plan_line(
+    frame: &TaskFrame,
+    from_m: [f64; 2],
+    to_m: [f64; 2],
+    limits: &MotionLimits,
+) -> Result<LineProfile, LineError> {
+    let profile = profile_in_plane(from_m, to_m, limits);
+    let mut poses = [[0.0; JOINTS]; LINE_SAMPLES];
+    let mut seed = None;
+    for (k, pose) in poses.iter_mut().enumerate() {
+        let share = k as f64 / (LINE_SAMPLES - 1) as f64;
+        let point = [0, 1].map(|axis| from_m[axis] + share * (to_m[axis] - from_m[axis]));
+        let target = task_pose(frame, point);
+        *pose = match seed {
+            None => ik::solve(&target),
+            Some(near) => ik::solve_near(&target, &near),
+        }
+        .map_err(LineError::Pose)?;
+        seed = Some(*pose);
+    }
+    let length_m = (to_m[0] - from_m[0]).hypot(to_m[1] - from_m[1]);
+    if peaks_within_limits(&poses, length_m, profile.duration_s()) {
+        Ok(profile)
+    } else {
+        Err(LineError::TooFast)
+    }
+}
+
+/// With s the share of the line and q(s) sampled: dq = q' ṡ, ddq = q'' ṡ² + q' s̈ and
+/// dddq = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛, each bounded with all of the profile's peaks at once.
+fn peaks_within_limits(poses: &[Joints; LINE_SAMPLES], length_m: f64, duration_s: f64) -> bool {
+    if duration_s <= 0.0 {
+        return true;
+    }
+    let rate = PEAKS[0] / duration_s;
+    let change = PEAKS[1] / duration_s.powi(2);
+    let jolt = PEAKS[2] / duration_s.powi(3);
+    let h = 1.0 / (LINE_SAMPLES - 1) as f64;
+    let mut within = length_m * rate <= LINE_SHARE * FLANGE_SPEED_MAX_M_S;
+    for i in 0..JOINTS {
+        for k in 2..LINE_SAMPLES - 2 {
+            let q = |offset: isize| poses[k.wrapping_add_signed(offset)][i];
+            let first = ((q(1) - q(-1)) / (2.0 * h)).abs();
+            let second = ((q(1) - 2.0 * q(0) + q(-1)) / (h * h)).abs();
+            let third = ((q(2) - 2.0 * q(1) + 2.0 * q(-1) - q(-2)) / (2.0 * h * h * h)).abs();
+            let jerk = third * rate.powi(3) + 3.0 * second * rate * change + first * jolt;
+            within &= first * rate <= LINE_SHARE * SPEED_MAX_RAD_S;
+            within &= second * rate * rate + first * change <= LINE_SHARE * ACCELERATION_MAX_RAD_S2;
+            within &= jerk <= LINE_SHARE * JERK_MAX_RAD_S3;
+        }
+    }
+    within
+}

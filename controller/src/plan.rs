@@ -1,0 +1,138 @@
+//! From a goal to the whole motion: policy, release point, inverse kinematics and the sequence of legs.
+//! Everything that can be refused is refused here, before the arm moves.
+
+use crate::constants::{GRIPPER_S, STANDOFF_M};
+use crate::motion::{self, JointMove, LineError};
+use shared::arm::Joints;
+use shared::blob::Blob;
+use shared::ik;
+use shared::messages::{Goal, Gripper, Phase, Reason};
+use shared::profile::LineProfile;
+
+/// Number of legs of every motion.
+pub const LEGS: usize = 8;
+
+/// What the arm does during a leg.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Nothing.
+    Hold,
+    /// All joints from rest to rest.
+    Joints(JointMove),
+    /// The gripper along a straight line of the task.
+    Line(LineProfile),
+}
+
+/// One part of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// What it is called in targets and statuses.
+    pub phase: Phase,
+    /// What the gripper is told from the first target of the leg on.
+    pub gripper: Gripper,
+    /// How the arm moves.
+    pub motion: Motion,
+    /// Targets of the leg; a leg of none is skipped.
+    pub targets: u32,
+}
+
+/// The motion that serves one goal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// The goal.
+    pub goal_id: u64,
+    /// Where the gripper opens, (x, z) in the task frame, m.
+    pub release_m: [f64; 2],
+    /// In order of time.
+    pub legs: [Leg; LEGS],
+}
+
+/// Where the policy releases this rope for this goal, (x, z) in m, once both are found sensible.
+pub fn release_point(blob: &Blob, goal: &Goal) -> Result<([f64; 2], f64), Reason> {
+    let rope = blob.ropes.get(goal.rope as usize).ok_or(Reason::UnknownRope)?;
+    let task = &blob.task;
+    let trained = blob
+        .policy
+        .ranges()
+        .contain(goal.x_m, rope.young_pa, rope.poisson);
+    if !(trained && task.goal_x_m.contains(goal.x_m) && rope.reach_m.contains(goal.x_m)) {
+        return Err(Reason::OutOfRange);
+    }
+    let release_m = blob.policy.release_point_m(goal.x_m, rope.young_pa, rope.poisson);
+    // A NaN is in no interval and within no length.
+    let inside = task.release_x_m.contains(release_m[0]) && task.release_z_m.contains(release_m[1]);
+    let within_rope = task.distance_from_top_m(release_m) <= rope.length_m;
+    if inside && within_rope {
+        Ok((release_m, rope.length_m))
+    } else {
+        Err(Reason::ReleaseOutOfRange)
+    }
+}
+
+/// Plans the motion for `goal` from a pose at rest, with the gripper as it is now.
+pub fn plan(
+    blob: &Blob,
+    goal: &Goal,
+    from_rad: &Joints,
+    gripper: Gripper,
+    period_s: f64,
+) -> Result<Plan, Reason> {
+    let (release_m, length_m) = release_point(blob, goal)?;
+    let tip_m = blob.task.hanging_tip_m(length_m);
+    let before_tip_m = [tip_m[0] - STANDOFF_M, tip_m[1]];
+    let after_m = [release_m[0] - STANDOFF_M, release_m[1]];
+    let line = |from, to| motion::plan_line(&blob.frame, from, to, &blob.motion).map_err(refusal);
+    let approach = line(before_tip_m, tip_m)?;
+    let drag = line(tip_m, release_m)?;
+    let retreat = line(release_m, after_m)?;
+    let start = motion::task_pose(&blob.frame, before_tip_m);
+    let start_rad = ik::solve(&start).map_err(|error| refusal(LineError::Pose(error)))?;
+    let homing = JointMove::new(*from_rad, start_rad);
+
+    let targets = |duration_s: f64| (duration_s / period_s).ceil() as u32;
+    let hold = |phase, gripper, duration_s| Leg {
+        phase,
+        gripper,
+        motion: Motion::Hold,
+        targets: targets(duration_s),
+    };
+    let straight = |phase, gripper, profile: LineProfile| Leg {
+        phase,
+        gripper,
+        motion: Motion::Line(profile),
+        targets: targets(profile.duration_s()),
+    };
+    // A gripper left closed by a cancelled goal lets go before the arm moves.
+    let opening_s = if gripper == Gripper::Closed {
+        GRIPPER_S
+    } else {
+        0.0
+    };
+    let legs = [
+        hold(Phase::Homing, Gripper::Open, opening_s),
+        Leg {
+            phase: Phase::Homing,
+            gripper: Gripper::Open,
+            motion: Motion::Joints(homing),
+            targets: targets(homing.duration_s()),
+        },
+        straight(Phase::Approach, Gripper::Open, approach),
+        hold(Phase::Grasp, Gripper::Closed, GRIPPER_S),
+        straight(Phase::Drag, Gripper::Closed, drag),
+        hold(Phase::Dwell, Gripper::Closed, blob.task.dwell_s),
+        hold(Phase::Release, Gripper::Open, GRIPPER_S),
+        straight(Phase::Retreat, Gripper::Open, retreat),
+    ];
+    Ok(Plan {
+        goal_id: goal.id,
+        release_m,
+        legs,
+    })
+}
+
+fn refusal(error: LineError) -> Reason {
+    match error {
+        LineError::Pose(_) => Reason::Unreachable,
+        LineError::TooFast => Reason::TooFast,
+    }
+}

@@ -1,0 +1,125 @@
+//! What the loop's thread asks of the operating system. Each wish may be refused; then the controller
+//! runs without it and says so in every status.
+
+use crate::constants::FIFO_PRIORITY;
+use shared::messages::degraded;
+
+/// Asks for everything, for the calling thread, and returns the bits of what was refused.
+pub fn prepare_thread() -> u32 {
+    let mut refused = 0;
+    if !lock_memory() {
+        refused |= degraded::NO_MEMLOCK;
+    }
+    if !bind_to_last_processor() {
+        refused |= degraded::NO_AFFINITY;
+    }
+    if !flush_denormals() {
+        refused |= degraded::NO_FLUSH_TO_ZERO;
+    }
+    if !real_time_priority() {
+        refused |= degraded::NO_FIFO;
+    }
+    refused
+}
+
+/// The names of the bits, for people.
+pub fn describe(refused: u32) -> String {
+    let names = [
+        (degraded::NO_FIFO, "no real-time scheduling"),
+        (degraded::NO_AFFINITY, "not bound to a processor"),
+        (degraded::NO_MEMLOCK, "memory not locked"),
+        (degraded::NO_FLUSH_TO_ZERO, "denormals not flushed"),
+        (degraded::DRY_RUN, "dry run"),
+    ];
+    let set: Vec<&str> = names
+        .iter()
+        .filter(|(bit, _)| refused & bit != 0)
+        .map(|(_, name)| *name)
+        .collect();
+    if set.is_empty() {
+        "nothing refused".to_string()
+    } else {
+        set.join(", ")
+    }
+}
+
+/// Also touches every page, so that no page fault is left for later.
+fn lock_memory() -> bool {
+    // SAFETY: the call changes how memory is backed, not what it holds.
+    unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) == 0 }
+}
+
+/// The last processor permitted: the first ones serve most interrupts.
+fn bind_to_last_processor() -> bool {
+    // SAFETY: the set is plain bits that the kernel fills and reads; indices stay below its size.
+    unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        let size = std::mem::size_of::<libc::cpu_set_t>();
+        if libc::sched_getaffinity(0, size, &mut set) != 0 {
+            return false;
+        }
+        let last = (0..libc::CPU_SETSIZE as usize)
+            .rev()
+            .find(|&cpu| libc::CPU_ISSET(cpu, &set));
+        let Some(last) = last else { return false };
+        libc::CPU_ZERO(&mut set);
+        libc::CPU_SET(last, &mut set);
+        libc::sched_setaffinity(0, size, &set) == 0
+    }
+}
+
+fn real_time_priority() -> bool {
+    let parameter = libc::sched_param {
+        sched_priority: FIFO_PRIORITY,
+    };
+    // SAFETY: the structure outlives the call; 0 is the calling thread.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) == 0 }
+}
+
+/// Denormal operands cost a hundred cycles each; results and inputs below 1e-38 become zero instead.
+#[cfg(target_arch = "x86_64")]
+pub fn flush_denormals() -> bool {
+    const FTZ_AND_DAZ: u32 = 1 << 15 | 1 << 6;
+    let mut control = 0u32;
+    // SAFETY: reads and writes this thread's control register of SSE arithmetic through valid memory.
+    unsafe {
+        std::arch::asm!("stmxcsr [{}]", in(reg) &mut control, options(nostack));
+        control |= FTZ_AND_DAZ;
+        std::arch::asm!("ldmxcsr [{}]", in(reg) &control, options(nostack));
+    }
+    true
+}
+
+/// Denormal operands cost a hundred cycles each; results and inputs below 1e-38 become zero instead.
+#[cfg(target_arch = "aarch64")]
+pub fn flush_denormals() -> bool {
+    const FLUSH: u64 = 1 << 24;
+    // SAFETY: reads and writes this thread's floating-point control register.
+    unsafe {
+        let mut control: u64;
+        std::arch::asm!("mrs {}, fpcr", out(reg) control);
+        control |= FLUSH;
+        std::arch::asm!("msr fpcr, {}", in(reg) control);
+    }
+    true
+}
+
+/// Not known how on this processor.
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+pub fn flush_denormals() -> bool {
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_bit_has_a_name() {
+        assert_eq!(describe(0), "nothing refused");
+        assert_eq!(
+            describe(degraded::NO_FIFO | degraded::DRY_RUN),
+            "no real-time scheduling, dry run"
+        );
+    }
+}

@@ -1,0 +1,303 @@
+//! Where one running controller keeps its files: an instance has a lock that only one process holds,
+//! and every start gets a session of its own, so that nothing a killed process left half made can
+//! stop the next start, and a client of the old session never touches the files of the new one.
+//!
+//! ```text
+//! /tmp/genorm-<uid>/<instance>.lock        held by the running controller
+//! /tmp/genorm-<uid>/<instance>/current     name of the session that clients connect to
+//! /tmp/genorm-<uid>/<instance>/<session>/  iceoryx2's management files
+//! /dev/shm/genorm.<uid>.<instance>.<session>.*   iceoryx2's shared memory
+//! ```
+
+use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use std::fs::{self, File};
+use std::io::{ErrorKind, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// The instance used when none is named.
+pub const DEFAULT_INSTANCE: &str = "genorm";
+
+/// A killed process frees its lock only when the kernel has taken it down.
+const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// Not a usable name.
+    #[error("instance {0:?} is not a name: use 1 to 24 of the characters a-z, 0-9 and '-'")]
+    Name(String),
+    /// Another process holds the lock.
+    #[error("a controller runs already as instance {0:?} (process {1}): stop it, or use --instance")]
+    Running(String, String),
+    /// No controller runs.
+    #[error("no controller runs as instance {0:?}: start one with `controller --policy FILE --instance {0}`")]
+    NotRunning(String),
+    /// The operating system refused.
+    #[error("{what} {path}: {source}; check that the folder belongs to this user")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// On which file.
+        path: PathBuf,
+        /// What came back.
+        source: std::io::Error,
+    },
+    /// iceoryx2 does not take the path.
+    #[error("{0} is no path for iceoryx2")]
+    Path(PathBuf),
+}
+
+fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> SessionError {
+    let path = path.to_path_buf();
+    move |source| SessionError::Io { what, path, source }
+}
+
+/// A checked instance name and its places.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    name: String,
+    uid: u32,
+}
+
+impl Instance {
+    /// The instance called `name`, of this user.
+    pub fn new(name: &str) -> Result<Self, SessionError> {
+        let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if name.is_empty() || name.len() > 24 || !name.chars().all(fits) {
+            return Err(SessionError::Name(name.to_string()));
+        }
+        Ok(Self {
+            name: name.to_string(),
+            // SAFETY: the call has no preconditions and cannot fail.
+            uid: unsafe { libc::getuid() },
+        })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn base(&self) -> PathBuf {
+        PathBuf::from(format!("/tmp/genorm-{}", self.uid))
+    }
+
+    fn folder(&self) -> PathBuf {
+        self.base().join(&self.name)
+    }
+
+    fn lock_file(&self) -> PathBuf {
+        self.base().join(format!("{}.lock", self.name))
+    }
+
+    fn current_file(&self) -> PathBuf {
+        self.folder().join("current")
+    }
+
+    /// No two instances' prefixes start alike: names hold no '.'.
+    fn prefix(&self) -> String {
+        format!("genorm.{}.{}.", self.uid, self.name)
+    }
+
+    fn config(&self, session: &str) -> Result<Config, SessionError> {
+        let root = self.folder().join(session);
+        let bad = || SessionError::Path(root.clone());
+        let text = root.to_str().ok_or_else(bad)?;
+        let mut config = Config::default();
+        config
+            .global
+            .set_root_path(&IoxPath::new(text.as_bytes()).map_err(|_| bad())?);
+        let prefix = format!("{}{session}.", self.prefix());
+        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
+        Ok(config)
+    }
+
+    /// The configuration of the session that a running controller announced.
+    pub fn running_config(&self) -> Result<Config, SessionError> {
+        let not_running = || SessionError::NotRunning(self.name.clone());
+        let lock = File::open(self.lock_file()).map_err(|_| not_running())?;
+        if !lock_is_held(&lock) {
+            return Err(not_running());
+        }
+        let session = fs::read_to_string(self.current_file()).map_err(|_| not_running())?;
+        self.config(session.trim())
+    }
+
+    /// Takes the lock, removes what earlier sessions left and names a new session.
+    pub fn start(&self) -> Result<Session, SessionError> {
+        let base = self.base();
+        fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&base)
+            .map_err(io("cannot create", &base))?;
+        let lock = self.take_lock()?;
+        self.wipe()?;
+        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{:x}-{:x}", since_epoch.as_nanos(), std::process::id());
+        let folder = self.folder().join(&name);
+        fs::create_dir_all(&folder).map_err(io("cannot create", &folder))?;
+        Ok(Session {
+            config: self.config(&name)?,
+            instance: self.clone(),
+            name,
+            _lock: lock,
+        })
+    }
+
+    fn take_lock(&self) -> Result<File, SessionError> {
+        let path = self.lock_file();
+        let mut file = fs::OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(&path)
+            .map_err(io("cannot open", &path))?;
+        let start = Instant::now();
+        while !lock_now(&file) {
+            if start.elapsed() > LOCK_PATIENCE {
+                let holder = fs::read_to_string(&path).unwrap_or_default();
+                return Err(SessionError::Running(
+                    self.name.clone(),
+                    holder.trim().to_string(),
+                ));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        file.set_len(0)
+            .and_then(|()| writeln!(file, "{}", std::process::id()))
+            .map_err(io("cannot write", &path))?;
+        Ok(file)
+    }
+
+    /// Only under the lock: no controller of this instance runs, so all of this is left over. What a
+    /// client of an old session makes meanwhile stays for the next start; no new session meets it.
+    fn wipe(&self) -> Result<(), SessionError> {
+        let current = self.current_file();
+        match fs::remove_file(&current) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(io("cannot remove", &current)(error));
+            }
+            _ => {}
+        }
+        let _ = fs::remove_dir_all(self.folder());
+        let prefix = self.prefix();
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes everything that this instance left, its lock file included; refused while it runs.
+    pub fn purge(&self) -> Result<(), SessionError> {
+        let lock = self.lock_file();
+        if !lock.exists() {
+            return Ok(());
+        }
+        let _held = self.take_lock()?;
+        self.wipe()?;
+        fs::remove_file(&lock).map_err(io("cannot remove", &lock))
+    }
+}
+
+/// A started session; the lock is held until this is dropped.
+pub struct Session {
+    instance: Instance,
+    name: String,
+    config: Config,
+    _lock: File,
+}
+
+impl Session {
+    /// iceoryx2's configuration: own root, own prefix, nothing from the working folder.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Tells clients to connect here; call it when every service exists.
+    pub fn announce(&self) -> Result<(), SessionError> {
+        let path = self.instance.current_file();
+        let draft = path.with_extension("new");
+        fs::write(&draft, &self.name).map_err(io("cannot write", &draft))?;
+        fs::rename(&draft, &path).map_err(io("cannot write", &path))
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // Clients stop looking here; the files of the session go with the services or the next start.
+        let _ = fs::remove_file(self.instance.current_file());
+    }
+}
+
+fn whole_file_lock() -> libc::flock {
+    // SAFETY: the structure is plain numbers, zero is a value of each.
+    let mut lock: libc::flock = unsafe { std::mem::zeroed() };
+    lock.l_type = libc::F_WRLCK as libc::c_short;
+    lock.l_whence = libc::SEEK_SET as libc::c_short;
+    lock
+}
+
+/// A lock of the open file, which the kernel frees when the process ends, however it ends.
+fn lock_now(file: &File) -> bool {
+    let lock = whole_file_lock();
+    // SAFETY: the descriptor is open and the structure outlives the call.
+    unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &lock) == 0 }
+}
+
+/// Asks without taking it, so that a client never stands in the way of a start.
+fn lock_is_held(file: &File) -> bool {
+    let mut lock = whole_file_lock();
+    // SAFETY: as above; the kernel writes who holds it into the structure.
+    let answered = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_GETLK, &mut lock) == 0 };
+    answered && lock.l_type != libc::F_UNLCK as libc::c_short
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_checked() {
+        for bad in [
+            "",
+            "a_b",
+            "a.b",
+            "../x",
+            "UPPER",
+            "a-name-that-is-too-long-to-take",
+        ] {
+            assert!(Instance::new(bad).is_err(), "{bad}");
+        }
+        assert!(Instance::new("arm-2").is_ok());
+    }
+
+    #[test]
+    fn one_session_at_a_time_and_clients_see_only_announced_ones() {
+        let instance = Instance::new(&format!("test-{}", std::process::id())).unwrap();
+        assert!(matches!(
+            instance.running_config(),
+            Err(SessionError::NotRunning(_))
+        ));
+        let session = instance.start().unwrap();
+        assert!(instance.running_config().is_err(), "not announced yet");
+        session.announce().unwrap();
+        let config = instance.running_config().unwrap();
+        assert_eq!(config.global.prefix, session.config().global.prefix);
+        assert!(matches!(instance.start(), Err(SessionError::Running(..))));
+        drop(session);
+        assert!(instance.running_config().is_err());
+        drop(instance.start().unwrap());
+        instance.purge().unwrap();
+        assert!(!instance.folder().exists() && !instance.lock_file().exists());
+    }
+}

@@ -1,0 +1,537 @@
+//! The controller as a pure step: inputs and the time go in, a target and a status come out. No
+//! clock, no transport, no allocation; the same inputs give the same outputs bit for bit.
+//!
+//! ```text
+//!            measured pose at rest          goal accepted
+//!  Waiting ───────────────────────► Idle ───────────────► Homing ► Approach ► Grasp ► Drag
+//!     ▲  ▲      arm silent           │ ▲                                                │
+//!     │  └───────────────────────────┘ └──── Retreat ◄ Release (opens) ◄ Dwell ◄────────┘
+//!     │                                ▲
+//!     │ reset,                         │ cancelled, at rest
+//!     │ arm at rest      at rest       │
+//!    Fault ◄────────────────────── Stopping ◄── any state: emergency stop, arm silent while
+//!   (no targets)                                moving, following error, arm's error, guard
+//!
+//!  A shutdown leads through Stopping, where there is something to stop, to Ended.
+//! ```
+
+use crate::constants::{
+    FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, RESUME_DISTANCE_MAX_RAD, STATUS_EVERY_NS,
+    STILL_RAD_S,
+};
+use crate::guard::{Brake, Guard};
+use crate::motion;
+use crate::plan::{self, LEGS, Motion, Plan};
+use shared::arm::{self, JOINTS, Joints};
+use shared::blob::Blob;
+use shared::ik;
+use shared::messages::{
+    COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason,
+    RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
+};
+
+/// What does not change while the controller runs.
+pub struct Setup {
+    /// The policy file.
+    pub blob: Box<Blob>,
+    /// Time between two calls of [`Controller::step`], ns.
+    pub cycle_ns: u64,
+    /// Cycles to one target.
+    pub cycles_per_target: u32,
+    /// Cycles without a state of the arm after which it counts as silent.
+    pub silent_cycles_max: u64,
+    /// Bits of [`shared::messages::degraded`].
+    pub degraded: u32,
+}
+
+/// What arrived since the cycle before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// The oldest goal not judged yet.
+    pub goal: Option<Goal>,
+    /// The oldest command not obeyed yet.
+    pub command: Option<Command>,
+    /// The newest state of the arm.
+    pub robot: Option<RobotState>,
+    /// Stop and end.
+    pub shutdown: bool,
+    /// Cycles missed since start.
+    pub missed_deadlines: u64,
+    /// Messages lost between the threads since start.
+    pub messages_lost: u64,
+}
+
+/// What a cycle produced.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// For the arm, every `cycles_per_target` cycles once there is a stream.
+    pub target: Option<JointTarget>,
+    /// On every change and every 100 ms.
+    pub status: Option<Status>,
+    /// The controller was told to end and stands still.
+    pub ended: bool,
+}
+
+/// What follows a stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum After {
+    Latch(Reason),
+    Idle,
+    End,
+}
+
+// The largest variant is the one in use most of the time, and a box would allocate in the loop.
+#[allow(clippy::large_enum_variant)]
+enum Mode {
+    Waiting,
+    Idle,
+    Running { plan: Plan, leg: usize, target: u32 },
+    Stopping { brake: Brake, after: After },
+    Fault,
+    Ended,
+}
+
+/// The state between two cycles.
+pub struct Controller {
+    setup: Setup,
+    period_s: f64,
+    mode: Mode,
+    /// `None` until the first measured pose.
+    guard: Option<Guard>,
+    /// Whether the present stream's first target, the measured pose, is out.
+    stream_begun: bool,
+    gripper: Gripper,
+    robot: RobotState,
+    silent_cycles: u64,
+    accepted_id: u64,
+    accepted_stamp_ns: u64,
+    cycles_to_target: u32,
+    targets_sent: u64,
+    status: Status,
+    status_changed: bool,
+}
+
+impl Controller {
+    /// A controller that waits for the arm's pose.
+    pub fn new(setup: Setup) -> Self {
+        Self {
+            period_s: (setup.cycle_ns * u64::from(setup.cycles_per_target)) as f64 * 1e-9,
+            mode: Mode::Waiting,
+            guard: None,
+            stream_begun: false,
+            gripper: Gripper::Open,
+            robot: RobotState::default(),
+            // Silent until heard.
+            silent_cycles: setup.silent_cycles_max,
+            accepted_id: 0,
+            accepted_stamp_ns: 0,
+            cycles_to_target: 1,
+            targets_sent: 0,
+            status: Status {
+                magic: STATUS_MAGIC,
+                degraded: setup.degraded,
+                ..Status::default()
+            },
+            status_changed: true,
+            setup,
+        }
+    }
+
+    /// Seconds between two targets.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// One cycle. `now_ns` is the instant on the loop's grid that the cycle belongs to.
+    pub fn step(&mut self, inputs: &Inputs, now_ns: u64) -> Output {
+        let phase_before = self.phase();
+        self.status.cycles += 1;
+        self.status.missed_deadlines = inputs.missed_deadlines;
+        self.status.messages_lost = inputs.messages_lost;
+        self.hear_robot(inputs.robot.as_ref(), now_ns);
+        self.watch_robot();
+        if let Some(command) = &inputs.command {
+            self.obey(command);
+        }
+        if inputs.shutdown {
+            self.shut_down();
+        }
+        self.begin_stream();
+        if let Some(goal) = &inputs.goal {
+            self.judge(goal, now_ns);
+        }
+        self.cycles_to_target -= 1;
+        let mut target = None;
+        if self.cycles_to_target == 0 {
+            self.cycles_to_target = self.setup.cycles_per_target;
+            target = self.advance(now_ns);
+        }
+        self.status_changed |= self.phase() != phase_before;
+        Output {
+            target,
+            status: self.report(now_ns),
+            ended: matches!(self.mode, Mode::Ended),
+        }
+    }
+
+    /// What the controller is doing.
+    pub fn phase(&self) -> Phase {
+        match &self.mode {
+            Mode::Waiting => Phase::Waiting,
+            Mode::Idle => Phase::Idle,
+            Mode::Running { plan, leg, .. } => plan.legs[*leg].phase,
+            Mode::Stopping { .. } => Phase::Stopping,
+            Mode::Fault => Phase::Fault,
+            Mode::Ended => Phase::Ended,
+        }
+    }
+
+    /// Keeps the newest sensible state of the arm. One that is malformed, not finite, from the future,
+    /// older than the silence allowed or older than the one before is as good as none.
+    fn hear_robot(&mut self, robot: Option<&RobotState>, now_ns: u64) {
+        self.silent_cycles = self.silent_cycles.saturating_add(1);
+        let Some(robot) = robot else { return };
+        let oldest_ns = now_ns.saturating_sub(self.setup.silent_cycles_max * self.setup.cycle_ns);
+        let sensible = robot.magic == ROBOT_MAGIC
+            && all_finite(&robot.q_rad)
+            && all_finite(&robot.dq_rad_s)
+            && robot.stamp_ns >= oldest_ns.max(self.robot.stamp_ns)
+            && robot.stamp_ns <= now_ns.saturating_add(GOAL_AHEAD_MAX_NS);
+        if sensible {
+            self.robot = *robot;
+            self.silent_cycles = 0;
+        } else {
+            self.status.messages_ignored += 1;
+        }
+    }
+
+    /// Silence, an error or a pose away from the target stops a motion and latches. Silence is counted
+    /// in cycles, so that a stall of the whole machine does not count as silence of the arm.
+    fn watch_robot(&mut self) {
+        let streaming = matches!(
+            self.mode,
+            Mode::Idle | Mode::Running { .. } | Mode::Stopping { .. }
+        );
+        if !streaming {
+            return;
+        }
+        if self.silent() {
+            match self.mode {
+                Mode::Idle => self.mode = Mode::Waiting,
+                _ => self.stop(After::Latch(Reason::RobotSilent)),
+            }
+        } else if self.robot.error_code != 0 {
+            self.stop(After::Latch(Reason::RobotFault));
+        } else if self.distance_rad() > FOLLOWING_ERROR_MAX_RAD {
+            self.stop(After::Latch(Reason::FollowingError));
+        }
+    }
+
+    fn silent(&self) -> bool {
+        self.silent_cycles >= self.setup.silent_cycles_max
+    }
+
+    /// Largest distance of a measured joint from the newest target, rad; infinite before the first target.
+    fn distance_rad(&self) -> f64 {
+        let Some(guard) = &self.guard else {
+            return f64::INFINITY;
+        };
+        let last = guard.last_rad();
+        (0..JOINTS)
+            .map(|i| (self.robot.q_rad[i] - last[i]).abs())
+            .fold(0.0, f64::max)
+    }
+
+    fn robot_at_rest(&self) -> bool {
+        !self.silent()
+            && self.robot.error_code == 0
+            && self.robot.dq_rad_s.iter().all(|speed| speed.abs() < STILL_RAD_S)
+    }
+
+    fn obey(&mut self, command: &Command) {
+        let kind = CommandKind::from_code(command.kind);
+        let (COMMAND_MAGIC, 1.., Some(kind)) = (command.magic, command.id, kind) else {
+            self.status.messages_ignored += 1;
+            return;
+        };
+        let reason = match kind {
+            CommandKind::EmergencyStop => {
+                self.stop(After::Latch(Reason::EmergencyStop));
+                Reason::Accepted
+            }
+            CommandKind::Cancel => {
+                if let Mode::Running { .. } = self.mode {
+                    self.stop(After::Idle);
+                }
+                Reason::Accepted
+            }
+            CommandKind::Reset => self.reset(),
+        };
+        self.status.command_id = command.id;
+        self.status.command_reason = reason.code();
+        self.status_changed = true;
+    }
+
+    fn reset(&mut self) -> Reason {
+        match self.mode {
+            Mode::Fault if self.robot_at_rest() => {
+                self.mode = Mode::Waiting;
+                self.status.latch_reason = Reason::Accepted.code();
+                Reason::Accepted
+            }
+            Mode::Fault => Reason::RobotNotAtRest,
+            Mode::Stopping { .. } => Reason::StillMoving,
+            _ => Reason::NothingToReset,
+        }
+    }
+
+    fn shut_down(&mut self) {
+        match self.mode {
+            Mode::Running { .. }
+            | Mode::Stopping {
+                after: After::Idle, ..
+            } => self.stop(After::End),
+            Mode::Stopping { .. } | Mode::Ended => {}
+            Mode::Waiting | Mode::Idle | Mode::Fault => self.mode = Mode::Ended,
+        }
+    }
+
+    /// Begins to slow down, or, when already slowing down, changes what follows; the first latch stays.
+    fn stop(&mut self, after: After) {
+        let reason = match after {
+            After::Latch(reason) => reason,
+            After::Idle => Reason::Cancelled,
+            After::End => Reason::Shutdown,
+        };
+        match &mut self.mode {
+            Mode::Stopping { after: present, .. } => {
+                if !matches!(present, After::Latch(_)) {
+                    *present = after;
+                }
+            }
+            Mode::Fault | Mode::Ended => return,
+            Mode::Waiting => self.mode = Mode::Fault,
+            Mode::Idle | Mode::Running { .. } => {
+                self.mode = match &self.guard {
+                    Some(guard) => Mode::Stopping {
+                        brake: guard.brake(),
+                        after,
+                    },
+                    None => Mode::Fault,
+                };
+            }
+        }
+        if matches!(after, After::Latch(_)) && self.status.latch_reason == Reason::Accepted.code() {
+            self.status.latch_reason = reason.code();
+        }
+        self.finish_goal(reason);
+        self.status_changed = true;
+    }
+
+    fn finish_goal(&mut self, reason: Reason) {
+        if self.status.active_goal_id != 0 {
+            self.status.finished_goal_id = self.status.active_goal_id;
+            self.status.finished_reason = reason.code();
+            self.status.active_goal_id = 0;
+            self.status_changed = true;
+        }
+    }
+
+    /// From waiting to idle once the arm stands still: on from the last target when the arm is there,
+    /// else anew from the measured pose.
+    fn begin_stream(&mut self) {
+        let ready = matches!(self.mode, Mode::Waiting) && self.robot_at_rest();
+        if !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
+            return;
+        }
+        let goes_on = self.distance_rad() <= RESUME_DISTANCE_MAX_RAD
+            && self.guard.as_ref().is_some_and(|guard| {
+                let hold = guard.last_rad();
+                guard.clone().pass(&hold).is_ok()
+            });
+        if !goes_on {
+            self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
+            self.stream_begun = false;
+            self.status.stream += 1;
+        }
+        self.mode = Mode::Idle;
+    }
+
+    fn judge(&mut self, goal: &Goal, now_ns: u64) {
+        let verdict = self.check(goal, now_ns);
+        match verdict {
+            Ok(plan) => {
+                self.accepted_id = goal.id;
+                self.accepted_stamp_ns = goal.stamp_ns;
+                self.status.goals_accepted += 1;
+                self.status.active_goal_id = goal.id;
+                self.mode = Mode::Running {
+                    plan,
+                    leg: 0,
+                    target: 0,
+                };
+            }
+            Err(_) => self.status.goals_refused += 1,
+        }
+        self.status.judged_goal_id = goal.id;
+        self.status.judged_reason = verdict.err().unwrap_or(Reason::Accepted).code();
+        self.status_changed = true;
+    }
+
+    fn check(&self, goal: &Goal, now_ns: u64) -> Result<Plan, Reason> {
+        if goal.magic != GOAL_MAGIC || goal.id == 0 {
+            return Err(Reason::Malformed);
+        }
+        if !goal.x_m.is_finite() {
+            return Err(Reason::NonFinite);
+        }
+        if goal.stamp_ns > now_ns.saturating_add(GOAL_AHEAD_MAX_NS) {
+            return Err(Reason::FromFuture);
+        }
+        if now_ns.saturating_sub(goal.stamp_ns) > GOAL_AGE_MAX_NS {
+            return Err(Reason::Stale);
+        }
+        if goal.id == self.accepted_id || goal.stamp_ns < self.accepted_stamp_ns {
+            return Err(Reason::OutOfOrder);
+        }
+        match (&self.mode, &self.guard) {
+            (Mode::Idle, Some(guard)) => plan::plan(
+                &self.setup.blob,
+                goal,
+                &guard.last_rad(),
+                self.gripper,
+                self.period_s,
+            ),
+            (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
+            (Mode::Fault, _) => Err(Reason::Latched),
+            (Mode::Ended, _) => Err(Reason::Shutdown),
+            (Mode::Waiting | Mode::Idle, _) => Err(Reason::NotReady),
+        }
+    }
+
+    /// The next target, which has passed the guard; none while waiting, in fault or at the end.
+    fn advance(&mut self, now_ns: u64) -> Option<JointTarget> {
+        if self.stream_begun {
+            self.next_leg();
+        }
+        if matches!(self.mode, Mode::Running { .. }) {
+            match self.joints_of_leg() {
+                Ok(next) => {
+                    if let Some(target) = self.send(&next, now_ns) {
+                        return Some(target);
+                    }
+                    self.stop(After::Latch(Reason::GuardTripped));
+                }
+                Err(reason) => self.stop(After::Latch(reason)),
+            }
+        }
+        if let Mode::Idle = self.mode {
+            let hold = self.guard.as_ref()?.last_rad();
+            let target = self.send(&hold, now_ns);
+            if target.is_some() {
+                return target;
+            }
+            self.stop(After::Latch(Reason::GuardTripped));
+        }
+        self.slow_down(now_ns)
+    }
+
+    /// Moves on to the next target of the motion; after the last one the goal is done.
+    fn next_leg(&mut self) {
+        let Mode::Running { plan, leg, target } = &mut self.mode else {
+            return;
+        };
+        *target += 1;
+        while *leg < LEGS && *target > plan.legs[*leg].targets {
+            *leg += 1;
+            *target = 1;
+        }
+        if *leg == LEGS {
+            self.mode = Mode::Idle;
+            self.finish_goal(Reason::Done);
+        } else if self.gripper != plan.legs[*leg].gripper {
+            self.gripper = plan.legs[*leg].gripper;
+            self.status_changed = true;
+        }
+    }
+
+    fn joints_of_leg(&self) -> Result<Joints, Reason> {
+        let (Mode::Running { plan, leg, target }, Some(guard)) = (&self.mode, &self.guard) else {
+            return Err(Reason::NotReady);
+        };
+        if !self.stream_begun {
+            return Ok(guard.last_rad());
+        }
+        let t_s = f64::from(*target) * self.period_s;
+        match &plan.legs[*leg].motion {
+            Motion::Hold => Ok(guard.last_rad()),
+            Motion::Joints(path) => Ok(path.joints_rad(t_s)),
+            Motion::Line(profile) => {
+                let pose = motion::pose_on_line(&self.setup.blob.frame, profile, t_s);
+                ik::solve_near(&pose, &guard.last_rad()).map_err(|_| Reason::Unreachable)
+            }
+        }
+    }
+
+    /// The next target of a stop; when it is complete, or the guard refuses even the stop (a joint
+    /// would leave its range), what follows it.
+    fn slow_down(&mut self, now_ns: u64) -> Option<JointTarget> {
+        let Mode::Stopping { brake, after } = &mut self.mode else {
+            return None;
+        };
+        let after = *after;
+        if let Some(next) = self.guard.as_ref().and_then(|guard| guard.next_of(brake)) {
+            let target = self.send(&next, now_ns);
+            if target.is_some() {
+                return target;
+            }
+            self.latch_guard();
+            return None;
+        }
+        self.mode = match after {
+            After::Latch(_) => Mode::Fault,
+            After::Idle => Mode::Idle,
+            After::End => Mode::Ended,
+        };
+        None
+    }
+
+    fn latch_guard(&mut self) {
+        if self.status.latch_reason == Reason::Accepted.code() {
+            self.status.latch_reason = Reason::GuardTripped.code();
+        }
+        self.mode = Mode::Fault;
+    }
+
+    fn send(&mut self, next_rad: &Joints, now_ns: u64) -> Option<JointTarget> {
+        let dq_rad_s = self.guard.as_mut()?.pass(next_rad).ok()?;
+        self.stream_begun = true;
+        self.targets_sent += 1;
+        Some(JointTarget {
+            magic: TARGET_MAGIC,
+            seq: self.targets_sent,
+            stamp_ns: now_ns,
+            goal_id: self.status.active_goal_id,
+            q_rad: *next_rad,
+            dq_rad_s,
+            stream: self.status.stream,
+            phase: self.phase().code(),
+            gripper: self.gripper.code(),
+            reserved: 0,
+        })
+    }
+
+    fn report(&mut self, now_ns: u64) -> Option<Status> {
+        let due = now_ns.saturating_sub(self.status.stamp_ns) >= STATUS_EVERY_NS;
+        if !self.status_changed && !due {
+            return None;
+        }
+        self.status_changed = false;
+        self.status.seq += 1;
+        self.status.stamp_ns = now_ns;
+        self.status.targets_sent = self.targets_sent;
+        self.status.state = self.phase().code();
+        self.status.gripper = self.gripper.code();
+        Some(self.status)
+    }
+}

@@ -1,0 +1,344 @@
+//! Every transition of the state machine, on a virtual clock.
+
+mod virtual_arm;
+
+use controller::sample;
+use controller::step::Inputs;
+use shared::arm::{self, LEVEL_POSTURE_RAD};
+use shared::blob::Blob;
+use shared::messages::{CommandKind, Gripper, Phase, Reason};
+use shared::profile::MotionLimits;
+use virtual_arm::{SILENT_CYCLES, World, arm_at, limits_hold};
+
+#[test]
+fn no_target_before_the_arm_is_measured_at_rest() {
+    let mut world = World::new();
+    let state = world.arm.take();
+    world.run(100);
+    assert_eq!(world.controller.phase(), Phase::Waiting);
+    let goal = world.goal_at(0.33);
+    assert_eq!(world.ask(goal), Reason::NotReady);
+    world.arm = state.map(|mut state| {
+        state.dq_rad_s[2] = 0.5;
+        state
+    });
+    world.run(10);
+    assert!(world.targets.is_empty(), "the arm moves");
+    let mut measured = LEVEL_POSTURE_RAD;
+    measured[1] += 0.123;
+    world.arm = Some(arm_at(measured));
+    world.run(1);
+    assert_eq!(world.controller.phase(), Phase::Idle);
+    assert_eq!(
+        world.targets[0].q_rad, measured,
+        "the first target is the present pose"
+    );
+    assert_eq!(world.targets[0].stream, 1);
+}
+
+#[test]
+fn a_goal_runs_through_every_phase_and_opens_once() {
+    let mut world = World::idle();
+    let id = world.accept();
+    assert_eq!(world.status.active_goal_id, id);
+    world.run_to(Phase::Retreat);
+    world.run_to(Phase::Idle);
+    world.run(1);
+    assert_eq!(
+        (world.status.finished_goal_id, world.status.finished_reason),
+        (id, Reason::Done.code())
+    );
+    let mut phases: Vec<u32> = world.targets.iter().map(|target| target.phase).collect();
+    phases.dedup();
+    assert_eq!(phases, [1, 2, 3, 4, 5, 6, 7, 8, 1]);
+    let changes: Vec<(u32, u32)> = world
+        .targets
+        .windows(2)
+        .filter(|pair| pair[0].gripper != pair[1].gripper)
+        .map(|pair| (pair[1].phase, pair[1].gripper))
+        .collect();
+    assert_eq!(
+        changes,
+        [
+            (Phase::Grasp.code(), Gripper::Closed.code()),
+            (Phase::Release.code(), Gripper::Open.code())
+        ]
+    );
+    limits_hold(&world.targets).unwrap();
+}
+
+#[test]
+fn the_drag_ends_at_the_policys_release_point() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Release);
+    let blob = sample::blob();
+    let release_m = blob
+        .policy
+        .release_point_m(0.33, blob.ropes[0].young_pa, blob.ropes[0].poisson);
+    let wanted_m = blob.frame.flange_m(release_m);
+    let last = world.targets.last().unwrap();
+    let reached_m: [f64; 3] = arm::flange(&last.q_rad).position_m.into();
+    for axis in 0..3 {
+        assert!((reached_m[axis] - wanted_m[axis]).abs() < 1e-7);
+    }
+}
+
+#[test]
+fn each_bad_goal_gets_its_reason_and_changes_nothing() {
+    let mut world = World::idle();
+    let good = world.goal_at(0.33);
+    let bad = |change: &dyn Fn(&mut shared::messages::Goal)| {
+        let mut goal = good;
+        change(&mut goal);
+        goal
+    };
+    let cases = [
+        (bad(&|goal| goal.magic = 7), Reason::Malformed),
+        (bad(&|goal| goal.id = 0), Reason::Malformed),
+        (bad(&|goal| goal.x_m = f64::NAN), Reason::NonFinite),
+        (bad(&|goal| goal.x_m = f64::INFINITY), Reason::NonFinite),
+        (bad(&|goal| goal.x_m = 2.0), Reason::OutOfRange),
+        (bad(&|goal| goal.x_m = -0.3), Reason::OutOfRange),
+        (bad(&|goal| goal.rope = 1), Reason::UnknownRope),
+        (bad(&|goal| goal.stamp_ns -= 600_000_000), Reason::Stale),
+        (bad(&|goal| goal.stamp_ns += 600_000_000), Reason::FromFuture),
+    ];
+    for (goal, reason) in cases {
+        assert_eq!(world.ask(goal), reason, "{goal:?}");
+        assert_eq!(world.controller.phase(), Phase::Idle);
+    }
+    assert_eq!(world.status.goals_refused, 9);
+    assert_eq!(world.ask(good), Reason::Accepted);
+    let second = world.goal_at(0.34);
+    assert_eq!(world.ask(second), Reason::Busy);
+    world.run_to(Phase::Idle);
+    let mut repeated = good;
+    repeated.stamp_ns = world.now_ns;
+    assert_eq!(world.ask(repeated), Reason::OutOfOrder);
+}
+
+/// A world whose policy file was changed.
+fn changed(change: impl Fn(&mut Blob)) -> World {
+    let mut setup = virtual_arm::setup();
+    change(&mut setup.blob);
+    let mut world = World::with(setup);
+    world.run(2);
+    world
+}
+
+#[test]
+fn what_the_arm_or_the_rope_cannot_do_is_refused_before_it_moves() {
+    type Change = fn(&mut Blob);
+    let cases: [(Change, Reason); 4] = [
+        (|blob| blob.frame.origin_m[0] = 0.9, Reason::Unreachable),
+        (|blob| blob.frame.origin_m[0] = 0.05, Reason::Unreachable),
+        (|blob| blob.ropes[0].length_m = 0.1, Reason::ReleaseOutOfRange),
+        (
+            |blob| {
+                blob.motion = MotionLimits {
+                    speed_m_s: 1.0,
+                    acceleration_m_s2: 50.0,
+                    jerk_m_s3: 1000.0,
+                }
+            },
+            Reason::TooFast,
+        ),
+    ];
+    for (change, reason) in cases {
+        let mut world = changed(change);
+        let goal = world.goal_at(0.33);
+        assert_eq!(world.ask(goal), reason);
+        assert_eq!(world.controller.phase(), Phase::Idle);
+    }
+}
+
+#[test]
+fn a_turned_and_shifted_task_is_served_within_the_limits() {
+    for yaw_rad in [-0.6f64, 0.3, 1.2] {
+        let mut world = changed(|blob| {
+            let (sin, cos) = (yaw_rad + 0.15).sin_cos();
+            blob.frame.yaw_rad = yaw_rad;
+            blob.frame.origin_m = [0.35 * cos, 0.35 * sin, 0.12];
+            blob.motion.speed_m_s = 0.25;
+            blob.motion.jerk_m_s3 = 40.0;
+        });
+        world.accept();
+        world.run_to(Phase::Retreat);
+        world.run_to(Phase::Idle);
+        assert_eq!(world.latch(), Reason::Accepted);
+        limits_hold(&world.targets).unwrap();
+    }
+}
+
+#[test]
+fn an_emergency_stop_latches_from_every_phase() {
+    for phase in [
+        Phase::Idle,
+        Phase::Homing,
+        Phase::Approach,
+        Phase::Grasp,
+        Phase::Drag,
+        Phase::Dwell,
+        Phase::Release,
+        Phase::Retreat,
+    ] {
+        let mut world = World::idle();
+        if phase != Phase::Idle {
+            world.accept();
+            world.run_to(phase);
+            world.run(40);
+        }
+        let gripper = world.status.gripper;
+        assert_eq!(world.command(CommandKind::EmergencyStop), Reason::Accepted);
+        world.run_to(Phase::Fault);
+        assert_eq!(world.latch(), Reason::EmergencyStop);
+        assert_eq!(world.status.gripper, gripper, "a stop does not drop the rope");
+        let sent = world.targets.len();
+        world.run(100);
+        assert_eq!(world.targets.len(), sent, "a fault sends nothing");
+        let goal = world.goal_at(0.33);
+        assert_eq!(world.ask(goal), Reason::Latched);
+        assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+        world.run_to(Phase::Idle);
+        assert_eq!(world.latch(), Reason::Accepted);
+        world.accept();
+        world.run_to(Phase::Retreat);
+        limits_hold(&world.targets).unwrap();
+        assert_eq!(world.targets.last().unwrap().stream, 1, "the arm had not moved");
+    }
+}
+
+#[test]
+fn a_reset_waits_for_the_stop_and_for_the_arm() {
+    let mut world = World::idle();
+    assert_eq!(world.command(CommandKind::Reset), Reason::NothingToReset);
+    world.accept();
+    world.run_to(Phase::Approach);
+    world.run(60);
+    world.command(CommandKind::EmergencyStop);
+    assert_eq!(world.command(CommandKind::Reset), Reason::StillMoving);
+    world.run_to(Phase::Fault);
+    world.arm.as_mut().unwrap().error_code = 2;
+    assert_eq!(world.command(CommandKind::Reset), Reason::RobotNotAtRest);
+    world.arm.as_mut().unwrap().error_code = 0;
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+}
+
+#[test]
+fn an_arm_moved_by_hand_during_a_fault_begins_a_new_stream() {
+    let mut world = World::idle();
+    world.command(CommandKind::EmergencyStop);
+    world.run_to(Phase::Fault);
+    let arm = world.arm.as_mut().unwrap();
+    arm.q_rad[0] += 0.5;
+    let moved = arm.q_rad;
+    world.command(CommandKind::Reset);
+    world.run(2);
+    let last = world.targets.last().unwrap();
+    assert_eq!((last.stream, last.q_rad), (2, moved));
+}
+
+#[test]
+fn a_cancelled_goal_ends_idle_and_the_next_one_opens_first() {
+    let mut world = World::idle();
+    let id = world.accept();
+    world.run_to(Phase::Drag);
+    world.run(100);
+    assert_eq!(world.command(CommandKind::Cancel), Reason::Accepted);
+    world.run_to(Phase::Idle);
+    assert_eq!(
+        (world.status.finished_goal_id, world.status.finished_reason),
+        (id, Reason::Cancelled.code())
+    );
+    assert_eq!(world.targets.last().unwrap().gripper, Gripper::Closed.code());
+    let before = world.targets.len();
+    world.accept();
+    world.run(20);
+    assert_eq!(world.targets[before + 1].gripper, Gripper::Open.code());
+    assert_eq!(
+        world.targets[before].q_rad,
+        world.targets[before + 15].q_rad,
+        "open before moving"
+    );
+    world.run_to(Phase::Retreat);
+    limits_hold(&world.targets).unwrap();
+}
+
+#[test]
+fn silence_of_the_arm_stops_a_motion_and_only_pauses_idleness() {
+    let mut world = World::idle();
+    let state = world.arm.take();
+    world.run(SILENT_CYCLES as usize + 2);
+    assert_eq!(world.controller.phase(), Phase::Waiting);
+    world.arm = state;
+    world.run_to(Phase::Idle);
+    world.accept();
+    world.run_to(Phase::Drag);
+    world.run(50);
+    world.arm = None;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::RobotSilent);
+    limits_hold(&world.targets).unwrap();
+}
+
+#[test]
+fn nonsense_from_the_arm_counts_as_silence() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Approach);
+    world.follows = false;
+    world.arm.as_mut().unwrap().q_rad[3] = f64::NAN;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::RobotSilent);
+    assert!(world.status.messages_ignored >= SILENT_CYCLES);
+}
+
+#[test]
+fn an_arm_that_does_not_follow_or_reports_an_error_is_a_fault() {
+    let mut world = World::idle();
+    world.accept();
+    world.follows = false;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::FollowingError);
+    limits_hold(&world.targets).unwrap();
+    let mut world = World::idle();
+    world.accept();
+    world.run(100);
+    world.arm.as_mut().unwrap().error_code = 24;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::RobotFault);
+}
+
+#[test]
+fn malformed_commands_are_ignored() {
+    let mut world = World::idle();
+    world.next.command = Some(Default::default());
+    world.run(1);
+    assert_eq!(world.status.command_id, 0);
+    assert_eq!(world.controller.phase(), Phase::Idle);
+}
+
+#[test]
+fn shutting_down_slows_down_first() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Homing);
+    world.run(100);
+    for _ in 0..200 {
+        world.next = Inputs {
+            shutdown: true,
+            ..Inputs::default()
+        };
+        world.run(1);
+    }
+    assert!(world.ended);
+    assert_eq!(world.controller.phase(), Phase::Ended);
+    assert_eq!(world.status.finished_reason, Reason::Shutdown.code());
+    let [before, last] = world.targets.last_chunk::<2>().unwrap();
+    assert!(
+        (0..7).all(|i| (last.q_rad[i] - before.q_rad[i]).abs() < 1e-9),
+        "at rest"
+    );
+    limits_hold(&world.targets).unwrap();
+}

@@ -1,0 +1,199 @@
+//! A controller on a virtual clock with an arm that follows at once: helper of the tests beside it.
+
+// Each test program uses another part of this.
+#![allow(dead_code)]
+
+use controller::sample;
+use controller::step::{Controller, Inputs, Output, Setup};
+use shared::arm::{
+    self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, JERK_MAX_RAD_S3, JOINTS, Joints, LEVEL_POSTURE_RAD,
+    SPEED_MAX_RAD_S,
+};
+use shared::messages::{
+    COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, JointTarget, Phase, ROBOT_MAGIC, Reason,
+    RobotState, Status,
+};
+
+pub const CYCLE_NS: u64 = 4_000_000;
+pub const PERIOD_S: f64 = 0.004;
+pub const SILENT_CYCLES: u64 = 50;
+
+pub struct World {
+    pub controller: Controller,
+    pub now_ns: u64,
+    pub next: Inputs,
+    /// What the arm reports; `None` is silence.
+    pub arm: Option<RobotState>,
+    /// Whether the arm goes where it is told.
+    pub follows: bool,
+    pub targets: Vec<JointTarget>,
+    pub status: Status,
+    pub ended: bool,
+    id: u64,
+}
+
+pub fn setup() -> Setup {
+    Setup {
+        blob: sample::blob(),
+        cycle_ns: CYCLE_NS,
+        cycles_per_target: 1,
+        silent_cycles_max: SILENT_CYCLES,
+        degraded: 0,
+    }
+}
+
+pub fn arm_at(q_rad: Joints) -> RobotState {
+    RobotState {
+        magic: ROBOT_MAGIC,
+        q_rad,
+        ..RobotState::default()
+    }
+}
+
+impl World {
+    /// The arm is there and still, but nothing has been said yet.
+    pub fn new() -> Self {
+        Self::with(setup())
+    }
+
+    /// The same with another setup.
+    pub fn with(setup: Setup) -> Self {
+        Self {
+            controller: Controller::new(setup),
+            now_ns: 1_000_000_000,
+            next: Inputs::default(),
+            arm: Some(arm_at(LEVEL_POSTURE_RAD)),
+            follows: true,
+            targets: Vec::new(),
+            status: Status::default(),
+            ended: false,
+            id: 0,
+        }
+    }
+
+    /// The same after the first cycles: idle.
+    pub fn idle() -> Self {
+        let mut world = Self::new();
+        world.run(2);
+        assert_eq!(world.controller.phase(), Phase::Idle);
+        world
+    }
+
+    pub fn cycle(&mut self) -> Output {
+        self.now_ns += CYCLE_NS;
+        if let Some(arm) = &mut self.arm {
+            arm.seq += 1;
+            arm.stamp_ns = self.now_ns;
+            self.next.robot = Some(*arm);
+        }
+        let inputs = std::mem::take(&mut self.next);
+        let output = self.controller.step(&inputs, self.now_ns);
+        if let Some(target) = output.target {
+            self.targets.push(target);
+            if let (Some(arm), true) = (&mut self.arm, self.follows) {
+                arm.q_rad = target.q_rad;
+            }
+        }
+        if let Some(status) = output.status {
+            self.status = status;
+        }
+        self.ended |= output.ended;
+        output
+    }
+
+    pub fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.cycle();
+        }
+    }
+
+    /// Cycles until the phase is reached.
+    pub fn run_to(&mut self, phase: Phase) {
+        for _ in 0..10_000 {
+            if self.controller.phase() == phase {
+                return;
+            }
+            self.cycle();
+        }
+        panic!("{phase:?} was not reached; now {:?}", self.controller.phase());
+    }
+
+    pub fn goal_at(&mut self, x_m: f64) -> Goal {
+        self.id += 1;
+        Goal {
+            magic: GOAL_MAGIC,
+            stamp_ns: self.now_ns,
+            id: self.id,
+            x_m,
+            rope: 0,
+            reserved: 0,
+        }
+    }
+
+    /// Sends a goal and returns the verdict on it.
+    pub fn ask(&mut self, goal: Goal) -> Reason {
+        self.next.goal = Some(goal);
+        self.cycle();
+        assert_eq!(self.status.judged_goal_id, goal.id);
+        Reason::from_code(self.status.judged_reason).unwrap()
+    }
+
+    pub fn accept(&mut self) -> u64 {
+        let goal = self.goal_at(0.33);
+        assert_eq!(self.ask(goal), Reason::Accepted);
+        goal.id
+    }
+
+    /// Sends a command and returns the verdict on it.
+    pub fn command(&mut self, kind: CommandKind) -> Reason {
+        self.id += 1;
+        self.next.command = Some(Command {
+            magic: COMMAND_MAGIC,
+            stamp_ns: self.now_ns,
+            id: self.id,
+            kind: kind.code(),
+            reserved: 0,
+        });
+        self.cycle();
+        assert_eq!(self.status.command_id, self.id);
+        Reason::from_code(self.status.command_reason).unwrap()
+    }
+
+    pub fn latch(&self) -> Reason {
+        Reason::from_code(self.status.latch_reason).unwrap()
+    }
+}
+
+/// Every target, pair, triple and four of one stream obeys the limits by finite differences.
+pub fn limits_hold(targets: &[JointTarget]) -> Result<(), String> {
+    for (k, target) in targets.iter().enumerate() {
+        if let Some(joint) = arm::joint_out_of_range(&target.q_rad) {
+            return Err(format!("target {k}: joint {joint} out of range"));
+        }
+        // Before its first target a stream is at rest there.
+        let begin = targets[..=k]
+            .iter()
+            .rposition(|other| other.stream != target.stream)
+            .map_or(0, |last| last + 1);
+        let at = |back: usize| &targets[k.saturating_sub(back).max(begin)];
+        let speed = |i: usize, back: usize| (at(back).q_rad[i] - at(back + 1).q_rad[i]) / PERIOD_S;
+        for i in 0..JOINTS {
+            let (v0, v1, v2) = (speed(i, 0), speed(i, 1), speed(i, 2));
+            let (a0, a1) = ((v0 - v1) / PERIOD_S, (v1 - v2) / PERIOD_S);
+            let shares = [
+                v0 / SPEED_MAX_RAD_S,
+                a0 / ACCELERATION_MAX_RAD_S2,
+                (a0 - a1) / PERIOD_S / JERK_MAX_RAD_S3,
+            ];
+            // Subtracting angles of up to 6 rad leaves 1e-15 / (4 ms)³ of noise in the jerk.
+            if shares.iter().any(|share| share.abs() > 1.0 + 1e-6) {
+                return Err(format!("target {k}, joint {i}: shares of the limits {shares:?}"));
+            }
+        }
+        let travel = arm::flange(&target.q_rad).position_m - arm::flange(&at(1).q_rad).position_m;
+        if travel.norm() / PERIOD_S > FLANGE_SPEED_MAX_M_S * (1.0 + 1e-6) {
+            return Err(format!("target {k}: flange speed"));
+        }
+    }
+    Ok(())
+}
