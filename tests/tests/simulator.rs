@@ -28,8 +28,7 @@ fn cantilever_ratio(cells: f64, shift_cells: [f64; 3]) -> f64 {
         path: ClampPath::fixed([0.0; 3]),
     }];
     let mut scene = Scene::new(shape, [0.0; 3], [1.0, 0.0, 0.0], grips, None, cells, vec![1.2]).unwrap();
-    let dx = scene.bounds.spacing_m;
-    scene.bounds = scene.bounds.shifted(shift_cells.map(|s| s * dx));
+    scene.grid.shift_cells = shift_cells;
     scene.settling = Some(Settling {
         until_s: 1.2,
         rate_per_s: 50.0,

@@ -1,5 +1,5 @@
-//! A mass at the free end (s = length): a knot, tape, a ferrule. It is spread over the last
-//! diameter of the rope, where such things sit, and it has weight and inertia but no stiffness.
+//! A mass at the free end (s = length): a knot, tape, a ferrule. It sits in the
+//! last slice of the rope; it has weight and inertia but no size and no stiffness.
 
 use super::{EffectSpec, ParameterSpec};
 use crate::sim::physics::MassLaw;
@@ -11,7 +11,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "tip_mass",
     title: "tip mass",
     equation: "m(s) = ρ A + m_tip δ(s - L)",
-    source: "point mass, spread over the last diameter",
+    source: "point mass at the end, in the last slice",
     parameters: &[ParameterSpec {
         name: "mass_kg",
         unit: "kg",
@@ -28,16 +28,10 @@ struct TipMass<T> {
 
 impl<T: Real> MassLaw<T> for TipMass<T> {
     fn change_masses_kg(&self, layout: &RopeLayout, masses_kg: &mut [T]) {
-        let from_m = layout.shape.length_m - layout.shape.diameter_m;
-        let at_tip = |p: usize| layout.slice_of(p).arc_m >= from_m;
-        let length_m: f64 = (0..masses_kg.len())
-            .filter(|&p| at_tip(p))
-            .map(|p| layout.particle_length_m(p))
-            .sum();
-        for (p, mass) in masses_kg.iter_mut().enumerate() {
-            if at_tip(p) {
-                *mass += self.mass_kg.scale(layout.particle_length_m(p) / length_m);
-            }
+        let members = layout.section_m.len();
+        let first = masses_kg.len() - members;
+        for mass in &mut masses_kg[first..] {
+            *mass += self.mass_kg.scale(1.0 / members as f64);
         }
     }
 }

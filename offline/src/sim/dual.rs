@@ -104,7 +104,17 @@ impl<F: Float, const N: usize> SubAssign for Dual<F, N> {
 }
 
 impl<F: Float, const N: usize> Real for Dual<F, N> {
-    const FIRST_LANE: usize = 1;
+    type Base = F;
+    const LANES: usize = 3;
+
+    #[inline(always)]
+    fn base(value: f64) -> F {
+        F::of(value)
+    }
+    #[inline(always)]
+    fn times(self, c: F) -> Self {
+        self.chain(self.value * c, c)
+    }
 
     #[inline(always)]
     fn of(value: f64) -> Self {

@@ -1,7 +1,7 @@
-//! Fixed-corotated elasticity (Stomakhin et al. 2012): energy density and Kirchhoff stress.
+//! Fixed-corotated elasticity (Stomakhin et al. 2012): energy density and first Piola-Kirchhoff stress.
 
 use super::real::Real;
-use super::tensor::{Mat3, det, matmul_transposed};
+use super::tensor::{Mat3, cross, det, dot};
 
 /// Lamé parameters, Pa.
 #[derive(Clone, Copy, Debug)]
@@ -29,29 +29,23 @@ impl<T: Real> Lame<T> {
     }
 }
 
-/// τ = 2μ (F − R) Fᵀ + λ J (J − 1) I, with R the rotation of F. Returns (τ, J).
+/// First Piola-Kirchhoff stress P = 2μ (F − R) + λ (J − 1) J F⁻ᵀ, with R the rotation of F.
+/// Returns (P, J).
 #[inline(always)]
-pub fn kirchhoff_stress<T: Real>(f: &Mat3<T>, lame: &Lame<T>) -> (Mat3<T>, T) {
+pub fn piola_stress<T: Real>(f: &Mat3<T>, lame: &Lame<T>) -> (Mat3<T>, T) {
     let r = T::polar_rotation(f);
-    let j = det(f);
-    let mut stretch = *f;
-    for a in 0..3 {
-        for b in 0..3 {
-            stretch[a][b] -= r[a][b];
-        }
-    }
+    // J F⁻ᵀ is the cofactor matrix.
+    let cofactors = [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])];
+    let j = dot(f[0], cofactors[0]);
     let two_mu = lame.mu.scale(2.0);
-    let pressure = lame.lambda * j * (j - T::one());
-    let mut kirchhoff = matmul_transposed(&stretch, f);
+    let pressure = lame.lambda * (j - T::one());
+    let mut pk1 = *f;
     for a in 0..3 {
         for b in 0..3 {
-            kirchhoff[a][b] = kirchhoff[a][b] * two_mu;
+            pk1[a][b] = two_mu * (f[a][b] - r[a][b]) + pressure * cofactors[a][b];
         }
     }
-    for a in 0..3 {
-        kirchhoff[a][a] += pressure;
-    }
-    (kirchhoff, j)
+    (pk1, j)
 }
 
 /// ψ = μ |F − R|² + λ/2 (J − 1)², J/m³.
@@ -72,7 +66,7 @@ pub fn energy_density<T: Real>(f: &Mat3<T>, lame: &Lame<T>) -> T {
 mod tests {
     use super::*;
 
-    /// τ = (∂ψ/∂F) Fᵀ, in tension and in compression.
+    /// P = ∂ψ/∂F, in tension and in compression.
     #[test]
     fn stress_is_the_derivative_of_the_energy() {
         let lame = Lame::new(2.0e6, 0.35);
@@ -92,12 +86,11 @@ mod tests {
                     pk1[a][b] = (shifted(1.0) - shifted(-1.0)) / (2.0 * h);
                 }
             }
-            let expected = matmul_transposed(&pk1, &f);
-            let (got, _) = kirchhoff_stress(&f, &lame);
+            let (got, _) = piola_stress(&f, &lame);
             for a in 0..3 {
                 for b in 0..3 {
                     let scale = 1e-6 * lame.mu;
-                    assert!((got[a][b] - expected[a][b]).abs() < scale, "{a}{b}");
+                    assert!((got[a][b] - pk1[a][b]).abs() < scale, "{a}{b}");
                 }
             }
         }

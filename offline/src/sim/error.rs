@@ -27,20 +27,6 @@ pub enum Cause {
         /// Its speed, m/s.
         speed_m_s: f64,
     },
-    /// A particle left the simulated box.
-    #[error(
-        "particle {particle} left the simulated box at ({x_m:.3}, {y_m:.3}, {z_m:.3}) m: check clamp path and rope length"
-    )]
-    OutsideGrid {
-        /// Index of the particle.
-        particle: usize,
-        /// Position, m.
-        x_m: f64,
-        /// Position, m.
-        y_m: f64,
-        /// Position, m.
-        z_m: f64,
-    },
     /// The rope is too thin for the grid.
     #[error("the rope is {cells:.2} cells thick, at least 1.5 are needed: choose a finer grid spacing")]
     TooThin {

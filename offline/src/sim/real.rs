@@ -19,10 +19,16 @@ pub trait Real:
     + AddAssign
     + SubAssign
 {
-    /// First lane of a node that a gather has to read. Plain numbers read all four lanes in one
-    /// vector operation, the mass included; for dual numbers every lane costs, so they skip it.
-    const FIRST_LANE: usize;
+    /// The number type without derivatives, for constants such as weights.
+    type Base: Copy + Debug + Send + Sync + 'static;
+    /// Numbers of a node that a step works on: plain numbers come in fours, which fit one vector
+    /// register, the last one idle; for dual numbers every lane costs, so there are three.
+    const LANES: usize;
 
+    /// A constant of the base type.
+    fn base(value: f64) -> Self::Base;
+    /// Product with a constant of the base type.
+    fn times(self, c: Self::Base) -> Self;
     /// A constant.
     fn of(value: f64) -> Self;
     /// The value without its derivatives.
@@ -77,7 +83,17 @@ fn newton_polar<T: Real>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
 macro_rules! float {
     ($t:ty, $tolerance:expr) => {
         impl Real for $t {
-            const FIRST_LANE: usize = 0;
+            type Base = $t;
+            const LANES: usize = 4;
+
+            #[inline(always)]
+            fn base(value: f64) -> $t {
+                value as $t
+            }
+            #[inline(always)]
+            fn times(self, c: $t) -> Self {
+                self * c
+            }
             #[inline(always)]
             fn of(value: f64) -> Self {
                 value as $t

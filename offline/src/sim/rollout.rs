@@ -8,7 +8,7 @@ use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::step::{Particle, StepContext, step};
-use super::tensor::{Vec3, add, identity, scaled, sub, zero3};
+use super::tensor::{Vec3, add, scaled, sub, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -45,8 +45,10 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
             Particle {
                 position_m: position.map(T::of),
                 velocity_m_s: zero3(),
-                affine: [zero3(); 3],
-                deformation_gradient: identity(),
+                deformation_rate: [zero3(); 3],
+                deformation_gradient: std::array::from_fn(|k| {
+                    [scene.direction[k], side[k], up[k]].map(T::of)
+                }),
                 mass_kg: masses_kg[index],
                 volume_m3: layout.particle_volume_m3(index),
                 length_m: layout.particle_length_m(index),
@@ -104,11 +106,10 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         lame,
         dt_s,
         diameter_m: scene.rope.diameter_m,
-        axis: scene.direction,
         table_m: scene.table.map(|t| t.height_m),
+        section: layout.section_m.len(),
     };
-    let mut grid = Grid::new(scene.bounds);
-    let mut stencils = Vec::with_capacity(particles.len());
+    let mut grid = Grid::new(&layout, scene.grid, &masses);
     let mut recorder = Recorder::new(scene, &layout);
     let steps = (scene.duration_s / dt_s).ceil() as usize;
     recorder.record(&particles, 0.0);
@@ -119,20 +120,13 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
             Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
             _ => 1.0,
         };
-        step(
-            &mut particles,
-            &mut grid,
-            &mut stencils,
-            &context,
-            &motions,
-            decay,
-        )
-        .and_then(|()| check_speed(&particles, scene.bounds.spacing_m / dt_s, number))
-        .map_err(|cause| SimError {
-            step: number,
-            t_s,
-            cause,
-        })?;
+        step(&mut particles, &mut grid, &context, &motions, decay)
+            .and_then(|()| check_speed(&particles, scene.grid.spacing_m / dt_s, number))
+            .map_err(|cause| SimError {
+                step: number,
+                t_s,
+                cause,
+            })?;
         recorder.record(&particles, t_s + dt_s);
     }
     Ok(Rollout {

@@ -3,7 +3,7 @@
 
 use super::clamp::{ClampPath, Knot};
 use super::error::{Cause, SimError};
-use super::grid::GridBox;
+use super::grid::GridSpec;
 use super::rope::{RopeLayout, RopeShape};
 use crate::demo::{Demo, Observations, RopeEnd};
 use shared::profile::{LineProfile, MotionLimits};
@@ -49,8 +49,8 @@ pub struct Scene {
     pub grips: Vec<Grip>,
     /// The table, if any.
     pub table: Option<Table>,
-    /// Grid spacing and extent.
-    pub bounds: GridBox,
+    /// The grid.
+    pub grid: GridSpec,
     /// End of the simulation, s.
     pub duration_s: f64,
     /// Times at which the centreline is recorded, s, increasing.
@@ -217,30 +217,17 @@ impl Scene {
         if cells < MIN_CELLS_PER_DIAMETER {
             return Err(SimError::at_start(Cause::TooThin { cells }));
         }
-        let (mut low, mut high) = (start_m, start_m);
-        let mut include = |p: [f64; 3]| {
-            for k in 0..3 {
-                low[k] = f64::min(low[k], p[k]);
-                high[k] = f64::max(high[k], p[k]);
-            }
-        };
-        include(std::array::from_fn(|k| start_m[k] + rope.length_m * direction[k]));
-        for knot in grips.iter().flat_map(|g| g.path.knots()) {
-            include([knot.pose[0], knot.pose[1], knot.pose[2]]);
-        }
-        // A gripped rope stays within its length of a clamp; a tenth more for stretch.
-        let reach = 1.1 * rope.length_m;
-        let low = low.map(|c| c - reach);
-        let high = high.map(|c| c + reach);
         let spacing_m = rope.diameter_m / cells;
-        let table_m = table.map_or(0.0, |t| t.height_m);
         let scene = Self {
             rope,
             start_m,
             direction,
             grips,
             table,
-            bounds: GridBox::around(low, high, spacing_m, table_m),
+            grid: GridSpec {
+                spacing_m,
+                shift_cells: [0.0; 3],
+            },
             duration_s: frame_times_s.last().copied().unwrap_or(0.0),
             frame_times_s,
             settling: None,
@@ -260,7 +247,7 @@ impl Scene {
                 RopeEnd::End => self.rope.length_m - grip.length_m,
             })
             .collect();
-        RopeLayout::new(self.rope, &edges, self.bounds.spacing_m)
+        RopeLayout::new(self.rope, &edges, self.grid.spacing_m)
     }
 
     /// Refuses paths on which two closed clamps are further apart than the rope between them.
@@ -290,7 +277,7 @@ impl Scene {
     /// ρ dx²/(6 η) of explicit viscosity, and a fifth of a cell per step at the speed bound.
     pub fn time_step_s(&self, p_wave_modulus_pa: f64, viscosity_pa_s: f64) -> f64 {
         let density = self.rope.density_kg_m3();
-        let dx = self.bounds.spacing_m;
+        let dx = self.grid.spacing_m;
         let wave = CFL * dx / (p_wave_modulus_pa / density).sqrt();
         let viscous = density * dx * dx / (6.0 * viscosity_pa_s.max(f64::MIN_POSITIVE));
         wave.min(viscous).min(0.2 * dx / SPEED_BOUND_M_S)

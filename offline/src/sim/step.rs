@@ -1,13 +1,12 @@
 //! One time step of MLS-MPM: particles to grid, grid update, grid to particles.
 
 use super::clamp::{RigidMotion, STIFFNESS};
-use super::elastic::{Lame, kirchhoff_stress};
+use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
-use super::grid::{Grid, Node};
-use super::kernel::weights;
+use super::grid::{Grid, Link, STENCIL};
 use super::physics::{ForcePoint, Physics, StressPoint};
 use super::real::Real;
-use super::tensor::{Mat3, Vec3, add, dot, matmul, matvec, mul, scaled, sub, value3};
+use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, sub, transpose_inverse};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -16,9 +15,9 @@ pub struct Particle<T> {
     pub position_m: Vec3<T>,
     /// Velocity, m/s.
     pub velocity_m_s: Vec3<T>,
-    /// Affine velocity field, 1/s.
-    pub affine: Mat3<T>,
-    /// Deformation gradient.
+    /// Rate of the deformation gradient, 1/s: the affine velocity field in undeformed coordinates.
+    pub deformation_rate: Mat3<T>,
+    /// Deformation gradient, from the rope's undeformed coordinates (s, side, up) to the world.
     pub deformation_gradient: Mat3<T>,
     /// Mass, kg.
     pub mass_kg: T,
@@ -40,43 +39,43 @@ pub struct StepContext<'a, T> {
     pub dt_s: f64,
     /// Diameter of the rope, m.
     pub diameter_m: f64,
-    /// Axis of the undeformed rope.
-    pub axis: [f64; 3],
     /// Height of the table, m.
     pub table_m: Option<f64>,
+    /// Particles per slice.
+    pub section: usize,
 }
 
 /// Advances the particles by one step. `motions` holds the motion of each closed grip at the end of
-/// the step, `stencils` is working memory, `decay` multiplies every velocity (1 outside settling).
+/// the step; `decay` multiplies every velocity (1 outside settling).
 #[inline(always)]
 pub fn step<T: Real>(
     particles: &mut [Particle<T>],
     grid: &mut Grid<T>,
-    stencils: &mut Vec<u32>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
     grid.clear();
-    stencils.clear();
     for (index, particle) in particles.iter().enumerate() {
-        let stencil = find_stencil(particle, index, grid)?;
-        stencils.push(stencil as u32);
-        let field = momentum_field(particle, context, grid.bounds.spacing_m, index)?;
-        scatter(particle, stencil, &field, grid);
+        let field = momentum_field(particle, context, grid.spacing_m, index)?;
+        scatter(index, &field, grid);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
-            scatter_clamp(particle, stencil, stiffness, velocity, grid);
+            scatter_clamp(index, stiffness, velocity, grid);
         }
     }
+    if let Some(table_m) = context.table_m {
+        scatter_contact(particles, table_m, context, grid);
+    }
     update_nodes(grid, context, decay);
-    for (particle, &stencil) in particles.iter_mut().zip(stencils.iter()) {
-        gather(particle, stencil as usize, grid, context.dt_s);
+    for (index, particle) in particles.iter_mut().enumerate() {
+        gather(particle, index, grid, context.dt_s);
     }
     Ok(())
 }
 
-/// Momentum that a particle gives to a node at offset d: w (m v + dt f + (m C − dt V τ 4/dx²) d);
-/// Hu et al. 2018, eq. 29.
+/// Momentum that a particle gives to a node at the undeformed offset d:
+/// w (m v + dt f + (m Ḟ − dt V P 4/dx²) d), Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff
+/// stress P in place of the Kirchhoff stress because offsets are undeformed.
 struct MomentumField<T> {
     at_particle: Vec3<T>,
     slope: Mat3<T>,
@@ -90,30 +89,23 @@ fn momentum_field<T: Real>(
     index: usize,
 ) -> Result<MomentumField<T>, Cause> {
     let f = &particle.deformation_gradient;
-    let (mut kirchhoff, j) = kirchhoff_stress(f, &context.lame);
-    if j.value() <= 0.0 {
-        return Err(Cause::Inverted {
-            particle: index,
-            det: j.value(),
-        });
+    let (mut pk1, j) = piola_stress(f, &context.lame);
+    // Also catches NaN, for which no comparison holds.
+    if !(j.value() > 0.0) {
+        return Err(inverted_or_not_finite(index, j.value()));
     }
-    for law in &context.physics.stress_laws {
-        let extra = law.kirchhoff_pa(&StressPoint {
-            deformation_gradient: f,
-            velocity_gradient: &particle.affine,
-            volume_ratio: j,
-            lame: &context.lame,
-        });
-        for a in 0..3 {
-            kirchhoff[a] = add(kirchhoff[a], extra[a]);
-        }
+    if !context.physics.stress_laws.is_empty() {
+        add_stress_laws(particle, context, j, &mut pk1);
     }
     let stress_scale = -context.dt_s * particle.volume_m3 * 4.0 / (dx * dx);
     let m = particle.mass_kg;
-    let slope = std::array::from_fn(|a| add(mul(particle.affine[a], m), scaled(kirchhoff[a], stress_scale)));
+    let mut slope = particle.deformation_rate;
+    for a in 0..3 {
+        slope[a] = add(mul(slope[a], m), scaled(pk1[a], stress_scale));
+    }
     let mut at_particle = mul(particle.velocity_m_s, m);
     if !context.physics.force_laws.is_empty() {
-        let axis = matvec(f, context.axis.map(T::of));
+        let axis = [f[0][0], f[1][0], f[2][0]];
         let point = ForcePoint {
             position_m: particle.position_m,
             velocity_m_s: particle.velocity_m_s,
@@ -127,6 +119,35 @@ fn momentum_field<T: Real>(
         }
     }
     Ok(MomentumField { at_particle, slope })
+}
+
+#[cold]
+fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
+    if det.is_nan() {
+        Cause::NonFinite { particle }
+    } else {
+        Cause::Inverted { particle, det }
+    }
+}
+
+/// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
+fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j: T, pk1: &mut Mat3<T>) {
+    let f = &particle.deformation_gradient;
+    let inverse_transposed = transpose_inverse(f);
+    // L = Ḟ F⁻¹.
+    let velocity_gradient = matmul_transposed(&particle.deformation_rate, &inverse_transposed);
+    for law in &context.physics.stress_laws {
+        let kirchhoff = law.kirchhoff_pa(&StressPoint {
+            deformation_gradient: f,
+            velocity_gradient: &velocity_gradient,
+            volume_ratio: j,
+            lame: &context.lame,
+        });
+        let extra = matmul(&kirchhoff, &inverse_transposed);
+        for a in 0..3 {
+            pk1[a] = add(pk1[a], extra[a]);
+        }
+    }
 }
 
 /// Stiffness of a gripped particle's spring as a mass, κ m, and the velocity that would bring it to
@@ -143,92 +164,61 @@ fn clamp_target<T: Real>(
     Some((particle.mass_kg.scale(STIFFNESS), scaled(gap, 1.0 / dt_s)))
 }
 
-/// Where a particle lies among its nodes: coordinate from the lowest node in cells, and weights.
 #[inline(always)]
-fn locate<T: Real>(position_m: Vec3<T>, grid: &Grid<T>) -> ([i32; 3], [T; 3], [[T; 3]; 3]) {
-    let origin = grid.bounds.origin_m;
-    let inverse = 1.0 / grid.bounds.spacing_m;
-    let along = |k: usize| weights((position_m[k] - T::of(origin[k])).scale(inverse));
-    let (x, y, z) = (along(0), along(1), along(2));
-    ([x.0, y.0, z.0], [x.1, y.1, z.1], [x.2, y.2, z.2])
-}
-
-#[inline(always)]
-fn find_stencil<T: Real>(particle: &Particle<T>, index: usize, grid: &mut Grid<T>) -> Result<usize, Cause> {
-    let position = value3(particle.position_m);
-    if !position.iter().all(|c| c.is_finite()) {
-        return Err(Cause::NonFinite { particle: index });
-    }
-    let (base, _, _) = locate(particle.position_m, grid);
-    grid.stencil(base).ok_or(Cause::OutsideGrid {
-        particle: index,
-        x_m: position[0],
-        y_m: position[1],
-        z_m: position[2],
-    })
-}
-
-#[inline(always)]
-fn scatter<T: Real>(particle: &Particle<T>, stencil: usize, field: &MomentumField<T>, grid: &mut Grid<T>) {
-    let dx = grid.bounds.spacing_m;
-    let (_, fraction, w) = locate(particle.position_m, grid);
-    let slots = &grid.stencils[stencil];
-    // Offsets are counted from the stencil's first node, so that they are constants.
-    let slope = &field.slope;
-    let offset = [
-        fraction[0].scale(dx),
-        fraction[1].scale(dx),
-        fraction[2].scale(dx),
-    ];
-    let corner = sub(field.at_particle, matvec(slope, offset));
-    let column = |b: usize| {
-        [
-            slope[0][b].scale(dx),
-            slope[1][b].scale(dx),
-            slope[2][b].scale(dx),
-        ]
-    };
-    let (along_x, along_y, along_z) = (column(0), column(1), column(2));
-    let mut plane = [particle.mass_kg, corner[0], corner[1], corner[2]];
-    for i in 0..3 {
-        let mut line = plane;
-        for j in 0..3 {
-            let wxy = w[0][i] * w[1][j];
-            let mut at_node = line;
-            for k in 0..3 {
-                let weight = wxy * w[2][k];
-                let node = &mut grid.nodes[slots[9 * i + 3 * j + k] as usize];
-                for lane in 0..4 {
-                    node[lane] += at_node[lane] * weight;
-                }
-                advance(&mut at_node, &along_z);
-            }
-            advance(&mut line, &along_y);
+fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) {
+    let dx = T::base(grid.spacing_m);
+    let Link {
+        slots,
+        weights,
+        offset_m,
+    } = &grid.links[index];
+    // The value at the middle node, and its change from node to node along each axis.
+    let mut middle = [T::zero(); 4];
+    let mut along = [[T::zero(); 4]; 3];
+    for a in 0..3 {
+        let row = &field.slope[a];
+        let to_particle = row[0].times(offset_m[0]) + row[1].times(offset_m[1]) + row[2].times(offset_m[2]);
+        middle[a] = field.at_particle[a] - to_particle;
+        for b in 0..3 {
+            along[b][a] = row[b].times(dx);
         }
-        advance(&mut plane, &along_x);
+    }
+    for i in 0..3 {
+        let plane = shifted(&middle, &along[0], i);
+        for j in 0..3 {
+            let line = shifted(&plane, &along[1], j);
+            for k in 0..3 {
+                let momentum = shifted(&line, &along[2], k);
+                let entry = 9 * i + 3 * j + k;
+                let node = &mut grid.nodes[slots[entry] as usize];
+                for lane in 0..T::LANES {
+                    node[lane] += momentum[lane].times(weights[entry]);
+                }
+            }
+        }
     }
 }
 
-/// Moves a node's would-be share (mass and momentum) on by one node.
+/// The value one node before (0), at (1) or one node after (2) `middle`.
 #[inline(always)]
-fn advance<T: Real>(at_node: &mut Node<T>, along: &Vec3<T>) {
-    for lane in 1..4 {
-        at_node[lane] += along[lane - 1];
+fn shifted<T: Real>(middle: &[T; 4], along: &[T; 4], place: usize) -> [T; 4] {
+    let mut out = *middle;
+    for lane in 0..T::LANES {
+        match place {
+            0 => out[lane] -= along[lane],
+            2 => out[lane] += along[lane],
+            _ => {}
+        }
     }
+    out
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
-fn scatter_clamp<T: Real>(
-    particle: &Particle<T>,
-    stencil: usize,
-    stiffness: T,
-    velocity: Vec3<T>,
-    grid: &mut Grid<T>,
-) {
-    let (_, _, w) = locate(particle.position_m, grid);
-    for (entry, &slot) in grid.stencils[stencil].iter().enumerate() {
-        let share = w[0][entry / 9] * w[1][entry / 3 % 3] * w[2][entry % 3] * stiffness;
-        let node = &mut grid.clamps[slot as usize];
+fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+    let link = &grid.links[index];
+    for entry in 0..STENCIL {
+        let share = stiffness.times(link.weights[entry]);
+        let node = &mut grid.clamps[link.slots[entry] as usize];
         node[0] += share;
         for k in 0..3 {
             node[k + 1] += velocity[k] * share;
@@ -236,54 +226,89 @@ fn scatter_clamp<T: Real>(
     }
 }
 
-/// Node mass below which a node is a rounding residue of the weights, kg: 10⁻¹² of any particle here.
-const NEGLIGIBLE_MASS_KG: f64 = 1e-18;
+/// Slices nearer to the table than this share of a cell take part in contact; the constraint itself
+/// is exact, this only skips slices that cannot touch within the step.
+const CONTACT_NEAR_CELLS: f64 = 0.1;
+
+/// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
+/// the rope's radius, and may not move down by more than its gap within the step. This is the contact
+/// of a row of spheres; a lying rope touches as it should, and its end counts as round.
+fn scatter_contact<T: Real>(
+    particles: &[Particle<T>],
+    table_m: f64,
+    context: &StepContext<T>,
+    grid: &mut Grid<T>,
+) {
+    let near_m = CONTACT_NEAR_CELLS * grid.spacing_m;
+    let lowest = T::of(table_m + 0.5 * context.diameter_m);
+    for (slice, members) in particles.chunks(context.section).enumerate() {
+        let mut height = T::zero();
+        for p in members {
+            height += p.position_m[2];
+        }
+        let gap = height.scale(1.0 / members.len() as f64) - lowest;
+        if gap.value() > near_m {
+            continue;
+        }
+        let asked = -gap.scale(1.0 / context.dt_s);
+        for (member, p) in members.iter().enumerate() {
+            let link = &grid.links[slice * context.section + member];
+            let stiffness = p.mass_kg.scale(STIFFNESS);
+            for entry in 0..STENCIL {
+                let weight = stiffness.times(link.weights[entry]);
+                let node = &mut grid.contact[link.slots[entry] as usize];
+                node[0] += weight;
+                node[1] += weight * asked;
+            }
+        }
+    }
+}
 
 /// Turns momenta into velocities: weight, settling, table, clamps.
 #[inline(always)]
 fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
     for index in 0..grid.nodes.len() {
-        let on_table = context.table_m.is_some_and(|h| grid.height_m(index) <= h + 1e-9);
-        let [mass, px, py, pz] = grid.nodes[index];
-        if mass.value() <= NEGLIGIBLE_MASS_KG {
-            grid.nodes[index] = [mass, T::zero(), T::zero(), T::zero()];
-            continue;
-        }
+        let [px, py, pz, _] = grid.nodes[index];
+        let mass = grid.mass_kg[index];
         let free = scaled(mul([px, py, pz], T::one() / mass), decay);
-        let mut velocity = add(free, fall);
-        if on_table {
-            velocity = table_contact(velocity, context.physics.friction);
-        }
+        let velocity = add(free, fall);
+        let velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
         let [vx, vy, vz] = clamp_node(velocity, mass, &grid.clamps[index]);
-        grid.nodes[index] = [mass, vx, vy, vz];
+        grid.nodes[index] = [vx, vy, vz, T::zero()];
     }
 }
 
-/// Unilateral contact with Coulomb friction: the table takes the downward velocity, and from the
-/// tangential one at most μ times as much. In stick the tangential velocity is zero, and so is its
-/// derivative with respect to μ.
+/// Unilateral contact with Coulomb friction. The table's implicit springs ask for an upward velocity
+/// (m v + K v_asked)/(m + K); they only push. Friction takes from the tangential velocity at most μ
+/// times what the push added. In stick the tangential velocity is zero, and so is its derivative
+/// with respect to μ.
 #[inline(always)]
-fn table_contact<T: Real>(velocity: Vec3<T>, friction: T) -> Vec3<T> {
+fn table_contact<T: Real>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
+    let [stiffness, asked] = *contact;
+    if stiffness.value() == 0.0 {
+        return velocity;
+    }
     let [vx, vy, vz] = velocity;
-    if vz.value() >= 0.0 {
+    let held = (vz * mass + asked) / (mass + stiffness);
+    let push = held - vz;
+    if push.value() <= 0.0 {
         return velocity;
     }
     let square = vx * vx + vy * vy;
-    let stopped = [T::zero(); 3];
-    if square.value() <= f64::MIN_POSITIVE {
-        return stopped;
+    if square.value() <= f64::from(f32::MIN_POSITIVE) {
+        return [T::zero(), T::zero(), held];
     }
-    let kept = T::one() + friction * vz / square.sqrt();
+    let kept = T::one() - friction * push / square.sqrt();
     if kept.value() <= 0.0 {
-        return stopped;
+        return [T::zero(), T::zero(), held];
     }
-    [vx * kept, vy * kept, T::zero()]
+    [vx * kept, vy * kept, held]
 }
 
 /// Implicit springs: (m v + K v_clamp) / (m + K).
 #[inline(always)]
-fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &Node<T>) -> Vec3<T> {
+fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
     let [stiffness, px, py, pz] = *clamp;
     if stiffness.value() == 0.0 {
         return velocity;
@@ -295,23 +320,20 @@ fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &Node<T>) -> Vec3<T> {
 }
 
 #[inline(always)]
-fn gather<T: Real>(particle: &mut Particle<T>, stencil: usize, grid: &Grid<T>, dt_s: f64) {
-    let (_, fraction, w) = locate(particle.position_m, grid);
-    let slots = &grid.stencils[stencil];
+fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
+    let link = &grid.links[index];
     let mut velocity = [T::zero(); 4];
     // moment[b] = Σ w v (offset along axis b), offsets counted in cells from the middle node.
     let mut moment = [[T::zero(); 4]; 3];
     for i in 0..3 {
         let mut plane = [T::zero(); 4];
         for j in 0..3 {
-            let wxy = w[0][i] * w[1][j];
-            let weights = [wxy * w[2][0], wxy * w[2][1], wxy * w[2][2]];
             let first = 9 * i + 3 * j;
-            let nodes = [0, 1, 2].map(|k| &grid.nodes[slots[first + k] as usize]);
-            for lane in T::FIRST_LANE..4 {
-                let low = nodes[0][lane] * weights[0];
-                let high = nodes[2][lane] * weights[2];
-                let line = low + nodes[1][lane] * weights[1] + high;
+            let nodes = [0, 1, 2].map(|k| &grid.nodes[link.slots[first + k] as usize]);
+            for lane in 0..T::LANES {
+                let low = nodes[0][lane].times(link.weights[first]);
+                let high = nodes[2][lane].times(link.weights[first + 2]);
+                let line = low + nodes[1][lane].times(link.weights[first + 1]) + high;
                 moment[2][lane] += high - low;
                 match j {
                     0 => moment[1][lane] -= line,
@@ -321,7 +343,7 @@ fn gather<T: Real>(particle: &mut Particle<T>, stencil: usize, grid: &Grid<T>, d
                 plane[lane] += line;
             }
         }
-        for lane in T::FIRST_LANE..4 {
+        for lane in 0..T::LANES {
             match i {
                 0 => moment[0][lane] -= plane[lane],
                 2 => moment[0][lane] += plane[lane],
@@ -330,19 +352,16 @@ fn gather<T: Real>(particle: &mut Particle<T>, stencil: usize, grid: &Grid<T>, d
             velocity[lane] += plane[lane];
         }
     }
-    let velocity = [velocity[1], velocity[2], velocity[3]];
-    let scale = 4.0 / grid.bounds.spacing_m;
-    for b in 0..3 {
-        let offset = fraction[b] - T::one();
-        for a in 0..3 {
-            particle.affine[a][b] = (moment[b][a + 1] - velocity[a] * offset).scale(scale);
-        }
-    }
-    let growth = matmul(&particle.affine, &particle.deformation_gradient);
+    let dx = T::base(grid.spacing_m);
+    let scale = T::base(4.0 / (grid.spacing_m * grid.spacing_m));
     for a in 0..3 {
+        for b in 0..3 {
+            let centred = moment[b][a].times(dx) - velocity[a].times(link.offset_m[b]);
+            particle.deformation_rate[a][b] = centred.times(scale);
+        }
         let f = &mut particle.deformation_gradient[a];
-        *f = add(*f, scaled(growth[a], dt_s));
+        *f = add(*f, scaled(particle.deformation_rate[a], dt_s));
     }
-    particle.velocity_m_s = velocity;
-    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+    particle.velocity_m_s = [velocity[0], velocity[1], velocity[2]];
+    particle.position_m = add(particle.position_m, scaled(particle.velocity_m_s, dt_s));
 }
