@@ -3,6 +3,7 @@
 
 pub mod collect;
 pub mod demo;
+pub mod diagnose;
 pub mod effects;
 pub mod evaluate;
 pub mod fit;
@@ -13,6 +14,7 @@ pub mod observe;
 pub mod paper_units;
 pub mod plot;
 pub mod reach;
+pub mod residual;
 pub mod run_files;
 pub mod sim;
 #[cfg(feature = "train")]

@@ -19,6 +19,8 @@ pub struct Row {
     pub station: usize,
     /// Arc length, m.
     pub arc_m: f64,
+    /// Predicted position of the axis there, m.
+    pub position_m: [f64; 3],
     /// Unit vector in the world.
     pub direction: [f64; 3],
     /// Measured minus predicted, m.
@@ -80,6 +82,7 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline) -> Vec<Row> {
                             frame,
                             station,
                             arc_m: marker.s_m,
+                            position_m: marker.position_m,
                             direction,
                             offset_m: marker.position_m[k] - predicted,
                             sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
@@ -130,6 +133,7 @@ fn measure_cloud(
                 frame,
                 station,
                 arc_m,
+                position_m: segment.at(arc_m),
                 direction: std::array::from_fn(|c| {
                     axis[0] * segment.normals[0][c] + axis[1] * segment.normals[1][c]
                 }),
@@ -150,6 +154,13 @@ struct Segment {
     arc_end_m: f64,
     /// First normal in the vertical plane of the tangent, second one horizontal.
     normals: [[f64; 3]; 2],
+}
+
+impl Segment {
+    fn at(&self, arc_m: f64) -> [f64; 3] {
+        let share = (arc_m - self.arc_start_m) / (self.arc_end_m - self.arc_start_m);
+        std::array::from_fn(|k| self.from_m[k] + share * self.length_m * self.along[k])
+    }
 }
 
 fn segments(line: &Centreline) -> Vec<Segment> {

@@ -5,6 +5,6 @@ mod problem;
 mod solver;
 mod uncertainty;
 
-pub use problem::{Evaluation, FitError, Problem, Resolution};
+pub use problem::{Evaluation, FitError, FrameShare, Problem, Resolution};
 pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from};
 pub use uncertainty::{Correlation, covariance, estimates};

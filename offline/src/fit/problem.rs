@@ -48,14 +48,35 @@ pub struct Resolution {
     pub cells: f64,
 }
 
+/// Which part of each demonstration counts, as shares of its frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameShare {
+    /// First share.
+    pub from: f64,
+    /// Last share.
+    pub to: f64,
+}
+
+impl FrameShare {
+    /// Everything.
+    pub const ALL: Self = Self { from: 0.0, to: 1.0 };
+
+    fn contains(&self, frame: usize, frames: usize) -> bool {
+        let share = frame as f64 / frames as f64;
+        share >= self.from && share < self.to
+    }
+}
+
 /// Demonstrations with the scenes that simulate them.
 pub struct Problem<'a> {
     /// Demonstrations.
     pub demos: Vec<&'a Demo>,
     /// One scene per demonstration.
     pub scenes: Vec<Scene>,
-    /// Factor on the declared noise, measured without the model (see [`Problem::noise_scale`]).
+    /// Factor on the declared noise, measured at rest without the model.
     pub noise_scale: f64,
+    /// Share of each demonstration's frames, from the start, that counts; the rest is left out.
+    pub frames: FrameShare,
 }
 
 /// Residual and Jacobian at one θ. Rows of all demonstrations stand one after another.
@@ -87,6 +108,7 @@ impl<'a> Problem<'a> {
             demos: demos.to_vec(),
             scenes,
             noise_scale: 1.0,
+            frames: FrameShare::ALL,
         })
     }
 
@@ -184,6 +206,9 @@ impl<'a> Problem<'a> {
     fn rows_of<T: Real>(&self, demo: &Demo, rollout: &Rollout<T>) -> Vec<Row> {
         let mut rows = Vec::new();
         for (frame, points) in rollout.frames.iter().enumerate() {
+            if !self.frames.contains(frame, rollout.frames.len()) {
+                continue;
+            }
             let points_m: Vec<[f64; 3]> = points.iter().map(|&p| value3(p)).collect();
             let line = Centreline {
                 arc_m: &rollout.arc_m,

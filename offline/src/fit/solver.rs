@@ -106,9 +106,9 @@ pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Re
 /// misses by many standard errors everywhere, which is signal; only gross outliers shall lose weight.
 const DEFAULT_HUBER: f64 = 30.0;
 /// A step smaller than this share of every standard error ends the descent.
-const STEP_TOLERANCE: f64 = 0.02;
+const STEP_TOLERANCE: f64 = 0.1;
 /// A relative decrease of the cost smaller than this ends the descent.
-const COST_TOLERANCE: f64 = 1e-5;
+const COST_TOLERANCE: f64 = 1e-3;
 
 /// Descends from one θ; returns the best iterate.
 ///
@@ -133,7 +133,7 @@ pub fn fit_from(
         let (hessian, gradient) = normal_equations(&best, &info);
         let step = damped_step(&hessian, &gradient, damping, &best.theta, &info);
         let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
-        if is_small(&step, &hessian) || predicted < COST_TOLERANCE * cost {
+        if is_small(&step, &hessian, 2.0 * cost / nominal_rows(&best)) || predicted < COST_TOLERANCE * cost {
             break StopReason::Converged;
         }
         if damping > 1e8 {
@@ -278,6 +278,9 @@ fn damped_step(
     }
 }
 
-fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>) -> bool {
-    (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE)
+/// Whether a step is small against standard errors that grow with the misfit: where the model lacks
+/// an effect, the place of the minimum is uncertain by more than the noise says.
+fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, reduced_chi_square: f64) -> bool {
+    let inflation = reduced_chi_square.max(1.0).sqrt();
+    (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE * inflation)
 }

@@ -47,6 +47,8 @@ pub struct Grid<T: Real> {
     pub links: Vec<Link<T>>,
     /// Mass per node, kg.
     pub mass_kg: Vec<T>,
+    /// One over the mass per node, 1/kg.
+    pub inverse_mass: Vec<T>,
     /// Momentum per node, kg m/s, which becomes the velocity, m/s; the fourth lane is idle.
     pub nodes: Vec<[T; 4]>,
     /// Stiffness of the clamps per node as an equivalent mass, and that mass times the velocity
@@ -54,6 +56,8 @@ pub struct Grid<T: Real> {
     pub clamps: Vec<[T; 4]>,
     /// The same for the table's push upward: stiffness, and stiffness times asked velocity.
     pub contact: Vec<[T; 2]>,
+    /// Whether any clamp or contact has left something since the last clear.
+    pub constrained: bool,
 }
 
 impl<T: Real> Grid<T> {
@@ -101,20 +105,25 @@ impl<T: Real> Grid<T> {
         Self {
             spacing_m: dx,
             links,
+            inverse_mass: mass_kg.iter().map(|&m| T::one() / m).collect(),
             mass_kg,
             nodes: vec![[zero; 4]; count],
             clamps: vec![[zero; 4]; count],
             contact: vec![[zero; 2]; count],
+            constrained: false,
         }
     }
 
-    /// Forgets all sums of the last step.
+    /// Forgets the sums of the last step.
     #[inline(always)]
     pub fn clear(&mut self) {
         let zero = T::zero();
         self.nodes.fill([zero; 4]);
-        self.clamps.fill([zero; 4]);
-        self.contact.fill([zero; 2]);
+        if self.constrained {
+            self.clamps.fill([zero; 4]);
+            self.contact.fill([zero; 2]);
+            self.constrained = false;
+        }
     }
 }
 

@@ -68,7 +68,7 @@ pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
 pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;
 
 /// Share of the P-wave's crossing time of one cell that a step may take.
-pub const CFL: f64 = 0.5;
+pub const CFL: f64 = 0.6;
 
 /// Largest speed that the time step provides for, m/s; above it a step moves too far.
 const SPEED_BOUND_M_S: f64 = 10.0;

@@ -215,6 +215,7 @@ fn shifted<T: Real>(middle: &[T; 4], along: &[T; 4], place: usize) -> [T; 4] {
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
 fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+    grid.constrained = true;
     let link = &grid.links[index];
     for entry in 0..STENCIL {
         let share = stiffness.times(link.weights[entry]);
@@ -250,6 +251,7 @@ fn scatter_contact<T: Real>(
         if gap.value() > near_m {
             continue;
         }
+        grid.constrained = true;
         let asked = -gap.scale(1.0 / context.dt_s);
         for (member, p) in members.iter().enumerate() {
             let link = &grid.links[slice * context.section + member];
@@ -270,9 +272,13 @@ fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f6
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
     for index in 0..grid.nodes.len() {
         let [px, py, pz, _] = grid.nodes[index];
+        let free = mul([px, py, pz], grid.inverse_mass[index]);
+        let velocity = add(scaled(free, decay), fall);
+        if !grid.constrained {
+            grid.nodes[index] = [velocity[0], velocity[1], velocity[2], T::zero()];
+            continue;
+        }
         let mass = grid.mass_kg[index];
-        let free = scaled(mul([px, py, pz], T::one() / mass), decay);
-        let velocity = add(free, fall);
         let velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
         let [vx, vy, vz] = clamp_node(velocity, mass, &grid.clamps[index]);
         grid.nodes[index] = [vx, vy, vz, T::zero()];

@@ -1,0 +1,133 @@
+//! The gates that an effect has to pass before it is declared.
+
+use super::rounds::{LoopOptions, Refit};
+use super::score::Score;
+use crate::effects;
+use crate::residual::ResidualSummary;
+use serde::{Deserialize, Serialize};
+
+/// One gate and how an effect fared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gate {
+    /// Name of the gate.
+    pub name: String,
+    /// Whether it was passed.
+    pub passed: bool,
+    /// The figures.
+    pub detail: String,
+}
+
+impl Gate {
+    fn new(name: &str, passed: bool, detail: String) -> Self {
+        Self {
+            name: name.into(),
+            passed,
+            detail,
+        }
+    }
+}
+
+/// Share of the excess over the noise, SSE above floor, that `after` removes from `before`.
+pub(super) fn excess_removed(before: &ResidualSummary, after: &ResidualSummary) -> f64 {
+    let square = |r: &ResidualSummary| r.rms_mm * r.rms_mm;
+    let excess = square(before) - before.floor_mm * before.floor_mm;
+    (square(before) - square(after)) / excess.max(f64::MIN_POSITIVE)
+}
+
+/// Gates that need no further simulation.
+pub(super) fn statistical_gates(
+    score: &Score,
+    threshold: f64,
+    before: (&ResidualSummary, &ResidualSummary),
+    refit: &Refit,
+    options: &LoopOptions,
+) -> Vec<Gate> {
+    let spec = &effects::ALL[score.effect];
+    let (fit_before, held_before) = before;
+    let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
+    let removed = excess_removed(fit_before, &refit.fit);
+    let held_removed = excess_removed(held_before, &refit.held_out);
+    let inside = spec
+        .parameters
+        .iter()
+        .zip(&refit.parameters)
+        .all(|(p, e)| e.value > p.low && e.value < p.high || p.parameters_may_rest_at(e.value));
+    let sized = spec
+        .parameters
+        .iter()
+        .zip(&refit.parameters)
+        .any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
+    vec![
+        Gate::new(
+            "significant",
+            score.statistic > threshold,
+            format!(
+                "score {:.0}, pseudo-data without effect reach {threshold:.0}",
+                score.statistic
+            ),
+        ),
+        Gate::new(
+            "held-out gain",
+            held_gain >= options.smallest_gain,
+            format!(
+                "held-out error {:.2} to {:.2} mm, {:.0} % less",
+                held_before.rms_mm,
+                refit.held_out.rms_mm,
+                100.0 * held_gain
+            ),
+        ),
+        Gate::new(
+            "physical value",
+            inside && sized,
+            format!(
+                "{}, {}",
+                if inside {
+                    "inside its physical range"
+                } else {
+                    "at or beyond its physical range"
+                },
+                if sized {
+                    "more than two standard errors from nothing"
+                } else {
+                    "within two standard errors of nothing"
+                }
+            ),
+        ),
+        Gate::new(
+            "explained share",
+            removed.min(held_removed) >= options.smallest_share,
+            format!(
+                "{:.0} % of the excess over the noise where fitted, {:.0} % where held out",
+                100.0 * removed,
+                100.0 * held_removed
+            ),
+        ),
+    ]
+}
+
+/// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it.
+pub(super) fn refinement_gate(coarse: &[f64], fine: &[f64], noise_se: &[f64]) -> Gate {
+    const TOLERANCE: f64 = 0.2;
+    let lead = (0..coarse.len())
+        .max_by(|&a, &b| (coarse[a].abs() / noise_se[a]).total_cmp(&(coarse[b].abs() / noise_se[b])))
+        .unwrap_or(0);
+    let change = (fine[lead] - coarse[lead]).abs() / coarse[lead].abs().max(f64::MIN_POSITIVE);
+    Gate::new(
+        "grid refinement",
+        change <= TOLERANCE,
+        format!(
+            "{:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart",
+            coarse[lead],
+            fine[lead],
+            100.0 * change
+        ),
+    )
+}
+
+impl effects::ParameterSpec {
+    /// Whether a fitted value may stay where the parameter vanishes without speaking against the
+    /// effect, because another parameter of it carries the effect.
+    fn parameters_may_rest_at(&self, value: f64) -> bool {
+        value == self.vanishes_at
+    }
+}

@@ -1,0 +1,544 @@
+//! The loop: fit, score, refit the best, gate, accept, repeat.
+
+use super::gates::{Gate, excess_removed, refinement_gate, statistical_gates};
+use super::score::{Score, ScoreProblem, ScoreTable};
+use super::verdict::{ReasonCode, Verdict};
+use crate::demo::Demo;
+use crate::effects;
+use crate::fit::{
+    Evaluation, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, estimates, fit, fit_from,
+};
+use crate::model::{Estimate, Structure};
+use crate::observe::bracket;
+use crate::residual::{ResidualSummary, noise_scale};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopOptions {
+    /// Grid of the fits.
+    pub resolution: Resolution,
+    /// Finer grid that tells physics from discretisation.
+    pub finer: Resolution,
+    /// Starts and budget of the first fit.
+    pub fit: FitOptions,
+    /// How many of the best effects are refitted in full per round.
+    pub refits: usize,
+    /// Most effects that are accepted.
+    pub max_effects: usize,
+    /// Smallest relative drop of the held-out error that counts.
+    pub smallest_gain: f64,
+    /// Smallest share of the excess over the noise that an effect has to explain.
+    pub smallest_share: f64,
+    /// Seed of the pseudo-data.
+    pub seed: u64,
+}
+
+impl LoopOptions {
+    /// Defaults on a grid; the finer one has 1.4 times the cells.
+    pub fn new(resolution: Resolution, seed: u64) -> Self {
+        Self {
+            resolution,
+            finer: Resolution {
+                cells: 1.4 * resolution.cells,
+            },
+            fit: FitOptions::default(),
+            refits: 2,
+            max_effects: 3,
+            smallest_gain: 0.05,
+            smallest_share: 0.3,
+            seed,
+        }
+    }
+}
+
+/// A full refit with one more effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Refit {
+    /// Index into [`effects::ALL`].
+    #[serde(skip)]
+    pub effect: usize,
+    /// Name of the effect.
+    pub id: String,
+    /// Parameters of the effect.
+    pub parameters: Vec<Estimate>,
+    /// Residual where fitted.
+    pub fit: ResidualSummary,
+    /// Residual where held out.
+    pub held_out: ResidualSummary,
+    /// Gates in the order in which they were tried.
+    pub gates: Vec<Gate>,
+    /// Whether all gates were passed.
+    pub passed: bool,
+}
+
+/// One round of the loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Round {
+    /// Effects of the model at the start of the round.
+    pub known: Vec<String>,
+    /// Scores of the others.
+    pub table: ScoreTable,
+    /// Refits of the best.
+    pub refits: Vec<Refit>,
+    /// The effect that was accepted.
+    pub accepted: Option<String>,
+}
+
+/// Everything that the loop found.
+pub struct Outcome {
+    /// Effects of the final model.
+    pub structure: Structure,
+    /// Final fit.
+    pub fitted: FitResult,
+    /// Base fit, without any effect.
+    pub base: FitResult,
+    /// Held-out evaluation of the base model.
+    pub held_out_before: Evaluation,
+    /// Held-out evaluation of the final model.
+    pub held_out_after: Evaluation,
+    /// Rounds in order.
+    pub rounds: Vec<Round>,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Reasons for caution.
+    pub reasons: Vec<ReasonCode>,
+    /// Measured over declared noise.
+    pub noise_scale: Option<f64>,
+}
+
+/// Residual over noise at which nothing is left to explain.
+const WHITE_FLOORS: f64 = 1.05;
+/// Share of the excess over the noise below which the effects found may stand in for others.
+const EXPLAINED_SHARE: f64 = 0.7;
+/// Last share of a demonstration that is held out when no other demonstration is.
+const HELD_OUT_SHARE: f64 = 0.3;
+
+/// Most evaluations of a refit: it starts from a one-step estimate.
+const REFIT_EVALUATIONS: usize = 6;
+
+/// What the loop works on.
+struct Bench<'a> {
+    fit: Problem<'a>,
+    held_out: Problem<'a>,
+    finer: Problem<'a>,
+}
+
+impl<'a> Bench<'a> {
+    fn new(demos: &[&'a Demo], held_out: &[&'a Demo], options: &LoopOptions) -> Result<Self, FitError> {
+        let mut fit = Problem::new(demos, options.resolution)?;
+        let mut finer = Problem::new(demos, options.finer)?;
+        let held_out = if held_out.is_empty() {
+            let mut last = Problem::new(demos, options.resolution)?;
+            let split = 1.0 - HELD_OUT_SHARE;
+            last.frames = FrameShare { from: split, to: 1.0 };
+            fit.frames = FrameShare { from: 0.0, to: split };
+            finer.frames = fit.frames;
+            last
+        } else {
+            Problem::new(held_out, options.resolution)?
+        };
+        Ok(Self { fit, held_out, finer })
+    }
+
+    fn set_noise_scale(&mut self, scale: f64) {
+        for problem in [&mut self.fit, &mut self.held_out, &mut self.finer] {
+            problem.noise_scale = scale;
+        }
+    }
+}
+
+/// Runs the loop. `progress` hears one line per step.
+///
+/// # Errors
+/// The base model cannot be fitted.
+pub fn close_loop(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, FitError> {
+    let mut bench = Bench::new(demos, held_out, options)?;
+    let mut structure = Structure::default();
+    progress("fitting the base model from several starts");
+    let mut base = fit(&bench.fit, &structure, &options.fit)?;
+    let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
+    let noise = noise_scale(demos, &base.best, &times);
+    if let Some(scale) = noise {
+        bench.set_noise_scale(scale);
+        for row in base.best.rows.iter_mut().flatten() {
+            row.sigma_m *= scale;
+        }
+    }
+    let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
+    let mut fitted = bench.again(&structure, &base.best.theta)?;
+    let mut held_now = ResidualSummary::of(&held_out_before);
+    let mut rounds: Vec<Round> = Vec::new();
+    let mut rivals = Vec::new();
+    while structure.effects.len() < options.max_effects
+        && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
+    {
+        let (round, winner) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
+        let done = winner.is_none();
+        if let Some((next_structure, next_fit, next_held, tied)) = winner {
+            rivals = tied;
+            (structure, fitted, held_now) = (next_structure, next_fit, next_held);
+        }
+        rounds.push(round);
+        if done {
+            break;
+        }
+    }
+    let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
+    let (verdict, mut reasons) = conclude(
+        &structure,
+        &fitted,
+        &rounds,
+        &rivals,
+        demos.len(),
+        held_out.len(),
+        noise,
+    );
+    let removed = excess_removed(
+        &ResidualSummary::of(&base.best),
+        &ResidualSummary::of(&fitted.best),
+    );
+    if !structure.effects.is_empty() && removed < EXPLAINED_SHARE {
+        reasons.push(ReasonCode::ProxySuspected);
+    }
+    Ok(Outcome {
+        structure,
+        fitted,
+        base,
+        held_out_before,
+        held_out_after,
+        rounds,
+        verdict,
+        reasons,
+        noise_scale: noise,
+    })
+}
+
+impl Bench<'_> {
+    /// The evaluation at a known optimum, with the noise as it is set now.
+    fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
+        fit_from(&self.fit, structure, theta.to_vec(), 1)
+    }
+}
+
+type Winner = (Structure, FitResult, ResidualSummary, Vec<String>);
+
+fn one_round(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    held_now: &ResidualSummary,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<(Round, Option<Winner>), FitError> {
+    progress("scoring every effect of the library from one pass of tangents");
+    let table = score(bench, structure, &fitted.best.theta, options)?;
+    let now = ResidualSummary::of(&fitted.best);
+    let chosen: Vec<&Score> = table
+        .scores
+        .iter()
+        .filter(|s| s.statistic > table.threshold)
+        .take(options.refits)
+        .collect();
+    progress(&format!(
+        "refitting with {}",
+        if chosen.is_empty() {
+            "nothing: no effect is significant".into()
+        } else {
+            names(&chosen).join(", ")
+        }
+    ));
+    let tried: Vec<(Refit, Structure, FitResult)> = chosen
+        .par_iter()
+        .filter_map(|score| {
+            refit(
+                bench,
+                structure,
+                fitted,
+                score,
+                table.threshold,
+                (&now, held_now),
+                options,
+            )
+            .ok()
+        })
+        .collect();
+    let mut tried = tried;
+    tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
+    let mut winner = None;
+    let mut refits = Vec::new();
+    let mut tied = Vec::new();
+    for (mut refit, next_structure, next_fit) in tried {
+        if winner.is_none() && refit.passed {
+            progress(&format!("checking {} on a finer grid", refit.id));
+            let gate = refine(bench, &next_structure, &next_fit)?;
+            refit.passed &= gate.passed;
+            refit.gates.push(gate);
+        }
+        if refit.passed {
+            match &winner {
+                None => winner = Some((next_structure, next_fit, refit.held_out.clone(), refit.id.clone())),
+                Some((_, best, _, _)) if ties(best, &next_fit) => tied.push(refit.id.clone()),
+                Some(_) => {}
+            }
+        }
+        refits.push(refit);
+    }
+    let accepted = winner.as_ref().map(|w| w.3.clone());
+    let round = Round {
+        known: structure
+            .effects
+            .iter()
+            .map(|&e| effects::ALL[e].id.into())
+            .collect(),
+        table,
+        refits,
+        accepted,
+    };
+    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied))))
+}
+
+fn names(scores: &[&Score]) -> Vec<String> {
+    scores.iter().map(|s| s.id.clone()).collect()
+}
+
+/// Two models tie when their sums of squares per independent offset differ by less than two standard
+/// errors of such a sum.
+fn ties(best: &FitResult, other: &FitResult) -> bool {
+    let effective = ResidualSummary::of(&best.best).effective_rows.max(1.0);
+    let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
+    let spread = 2.0 * (2.0 / effective).sqrt() * reduced(best);
+    reduced(other) - reduced(best) < spread
+}
+
+fn score(
+    bench: &Bench,
+    structure: &Structure,
+    theta: &[f64],
+    options: &LoopOptions,
+) -> Result<ScoreTable, FitError> {
+    let mut wide = structure.clone();
+    let mut wide_theta = theta.to_vec();
+    for (index, spec) in effects::ALL.iter().enumerate() {
+        if !structure.effects.contains(&index) {
+            wide.effects.push(index);
+            wide_theta.extend(spec.parameters.iter().map(|p| p.vanishes_at));
+        }
+    }
+    let (evaluation, difference) = rayon::join(
+        || bench.fit.evaluate(&wide, &wide_theta),
+        || discretisation(bench, structure, theta),
+    );
+    let (evaluation, difference) = (evaluation?, difference?);
+    let rows: Vec<_> = evaluation.all_rows().copied().collect();
+    let mut errors = Vec::with_capacity(rows.len());
+    for (d, rows) in evaluation.rows.iter().enumerate() {
+        errors.extend(rows.iter().map(|row| {
+            let (low, share) = bracket(&difference[d].arcs_m, row.arc_m);
+            let frame = &difference[d].frames[row.frame];
+            (0..3)
+                .map(|k| row.direction[k] * (frame[low][k] * (1.0 - share) + frame[low + 1][k] * share))
+                .sum::<f64>()
+        }));
+    }
+    let sigmas: Vec<f64> = rows.iter().map(|r| r.sigma_m).collect();
+    Ok(ScoreProblem::new(&evaluation, &wide, structure).table(&errors, &sigmas, options.seed))
+}
+
+/// Estimated discretisation error of a prediction, m.
+struct GridError {
+    arcs_m: Vec<f64>,
+    frames: Vec<Vec<[f64; 3]>>,
+}
+
+/// Prediction on the finer grid minus prediction on the fit's, scaled up to the error that a method
+/// of first order has left: a grid refined r times shows only 1 − 1/r of it.
+fn discretisation(bench: &Bench, structure: &Structure, theta: &[f64]) -> Result<Vec<GridError>, FitError> {
+    let (coarse, fine) = rayon::join(
+        || bench.fit.predict(structure, theta),
+        || bench.finer.predict(structure, theta),
+    );
+    let (coarse, fine) = (coarse?, fine?);
+    let ratio = bench.finer.scenes[0].grid.spacing_m / bench.fit.scenes[0].grid.spacing_m;
+    let scale = 1.0 / (1.0 - ratio);
+    Ok(coarse
+        .iter()
+        .zip(&fine)
+        .map(|(c, f)| GridError {
+            arcs_m: c.arc_m.clone(),
+            frames: c
+                .frames
+                .iter()
+                .zip(&f.frames)
+                .map(|(cf, ff)| {
+                    cf.iter()
+                        .zip(&c.arc_m)
+                        .map(|(point, &s)| {
+                            let (low, share) = bracket(&f.arc_m, s);
+                            std::array::from_fn(|k| {
+                                let on_fine =
+                                    f64::from(ff[low][k]) * (1.0 - share) + f64::from(ff[low + 1][k]) * share;
+                                scale * (on_fine - f64::from(point[k]))
+                            })
+                        })
+                        .collect()
+                })
+                .collect(),
+        })
+        .collect())
+}
+
+fn refit(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    score: &Score,
+    threshold: f64,
+    before: (&ResidualSummary, &ResidualSummary),
+    options: &LoopOptions,
+) -> Result<(Refit, Structure, FitResult), FitError> {
+    let next = structure.with(score.effect);
+    let spec = &effects::ALL[score.effect];
+    let mut theta = fitted.best.theta.clone();
+    for (p, e) in spec.parameters.iter().zip(&score.estimate) {
+        // A one-step estimate can overshoot; half the physical range is a safe start.
+        theta.push((p.vanishes_at + e).clamp(0.5 * (p.low + p.vanishes_at), 0.5 * (p.high + p.vanishes_at)));
+    }
+    let result = fit_from(&bench.fit, &next, theta, REFIT_EVALUATIONS)?;
+    let held_out = bench.held_out.residuals(&next, &result.best.theta)?;
+    let all = estimates(&result.best, &next);
+    let first = all.len() - spec.parameters.len();
+    let mut refit = Refit {
+        effect: score.effect,
+        id: spec.id.into(),
+        parameters: all[first..].to_vec(),
+        fit: ResidualSummary::of(&result.best),
+        held_out: ResidualSummary::of(&held_out),
+        gates: Vec::new(),
+        passed: false,
+    };
+    refit.gates = statistical_gates(score, threshold, before, &refit, options);
+    refit.passed = refit.gates.iter().all(|g| g.passed);
+    Ok((refit, next, result))
+}
+
+/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid.
+fn refine(bench: &Bench, structure: &Structure, fitted: &FitResult) -> Result<Gate, FitError> {
+    let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
+    let effect = structure.effects[structure.effects.len() - 1];
+    let spec = &effects::ALL[effect];
+    let first = fitted.best.theta.len() - spec.parameters.len();
+    let change = |theta: &[f64]| -> Vec<f64> {
+        theta[first..]
+            .iter()
+            .zip(spec.parameters)
+            .map(|(t, p)| t - p.vanishes_at)
+            .collect()
+    };
+    let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
+        .iter()
+        .map(|e| e.standard_error)
+        .collect();
+    Ok(refinement_gate(
+        &change(&fitted.best.theta),
+        &change(&fine.best.theta),
+        &errors,
+    ))
+}
+
+fn conclude(
+    structure: &Structure,
+    fitted: &FitResult,
+    rounds: &[Round],
+    rivals: &[String],
+    demos: usize,
+    held_out: usize,
+    noise: Option<f64>,
+) -> (Verdict, Vec<ReasonCode>) {
+    let now = ResidualSummary::of(&fitted.best);
+    let mut reasons = Vec::new();
+    if noise.is_none() {
+        reasons.push(ReasonCode::NoPureError);
+    }
+    if demos == 1 {
+        reasons.push(ReasonCode::OneDemonstration);
+    }
+    if held_out == 0 {
+        reasons.push(ReasonCode::HeldOutInTime);
+    }
+    let excess_mm = (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt();
+    let numerical = rounds
+        .last()
+        .is_some_and(|r| excess_mm <= r.table.discretisation_mm);
+    let white = now.floors <= WHITE_FLOORS;
+    if !white {
+        reasons.push(if numerical {
+            ReasonCode::Numerical
+        } else {
+            ReasonCode::Partial
+        });
+    }
+    let verdict = if structure.effects.is_empty() {
+        if white || numerical && rounds.last().is_some_and(|r| r.refits.is_empty()) {
+            Verdict::NothingMissing
+        } else {
+            Verdict::Unexplained {
+                hint: hint(&fitted.best),
+            }
+        }
+    } else {
+        explained(structure, fitted, rivals)
+    };
+    (verdict, reasons)
+}
+
+fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Verdict {
+    let mut effects_found: Vec<String> = structure
+        .effects
+        .iter()
+        .map(|&e| effects::ALL[e].id.to_owned())
+        .collect();
+    if !rivals.is_empty() {
+        effects_found.extend(rivals.iter().cloned());
+        return Verdict::Confounded {
+            effects: effects_found,
+            separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
+                                       rope gripped at its other end, changes their ratio"
+                .into(),
+        };
+    }
+    let all = estimates(&fitted.best, structure);
+    Verdict::Explained {
+        effects: effects_found,
+        parameters: all[2..].to_vec(),
+    }
+}
+
+/// Where and when the residual is largest.
+fn hint(evaluation: &Evaluation) -> String {
+    let largest = evaluation
+        .rows
+        .iter()
+        .enumerate()
+        .flat_map(|(d, rows)| rows.iter().map(move |r| (d, r)))
+        .max_by(|a, b| a.1.offset_m.abs().total_cmp(&b.1.offset_m.abs()));
+    match largest {
+        Some((demo, row)) => format!(
+            "the largest offset, {:.1} mm along ({:.1}, {:.1}, {:.1}), is at s = {:.3} m in frame {} of demonstration {}",
+            1e3 * row.offset_m,
+            row.direction[0],
+            row.direction[1],
+            row.direction[2],
+            row.arc_m,
+            row.frame,
+            demo + 1
+        ),
+        None => "nothing was measured".into(),
+    }
+}

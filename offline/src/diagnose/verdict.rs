@@ -1,0 +1,91 @@
+//! The verdict on a residual, with the reasons for caution.
+
+use crate::model::Estimate;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// What the loop concludes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "verdict", rename_all = "snake_case")]
+pub enum Verdict {
+    /// The base model leaves nothing but noise.
+    NothingMissing,
+    /// These effects were missing; with their parameters.
+    Explained {
+        /// Names of the effects in the order in which they were found.
+        effects: Vec<String>,
+        /// Their parameters.
+        parameters: Vec<Estimate>,
+    },
+    /// These data cannot tell the listed effects apart.
+    Confounded {
+        /// Names of the effects.
+        effects: Vec<String>,
+        /// The demonstration that would separate them.
+        separating_demonstration: String,
+    },
+    /// Something is missing that is not in the library, or that the gates do not let pass.
+    Unexplained {
+        /// Where and when the residual is largest, as a hint.
+        hint: String,
+    },
+}
+
+/// A reason for caution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum ReasonCode {
+    /// A part of the excess over the noise is left.
+    Partial,
+    /// The best effect may stand in for another.
+    ProxySuspected,
+    /// What is left is of the size of the discretisation error.
+    Numerical,
+    /// The noise was declared, not measured.
+    NoPureError,
+    /// One demonstration: repeatability is untested.
+    OneDemonstration,
+    /// No other demonstration was held out; blocks of time were.
+    HeldOutInTime,
+}
+
+impl fmt::Display for ReasonCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Partial => "PARTIAL: a part of the excess over the noise is left",
+            Self::ProxySuspected => "PROXY SUSPECTED: the best effect may stand in for another",
+            Self::Numerical => "NUMERICAL: what is left is of the size of the discretisation error",
+            Self::NoPureError => "NO PURE ERROR: the noise is as declared, it could not be measured at rest",
+            Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",
+            Self::HeldOutInTime => "HELD OUT IN TIME: checked on the last part of the same demonstration",
+        })
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NothingMissing => f.write_str("nothing missing: the residual is noise"),
+            Self::Explained { effects, parameters } => {
+                write!(f, "explained: {}", effects.join(" and "))?;
+                for p in parameters {
+                    write!(
+                        f,
+                        "; {} = {:.4} ± {:.4} {}",
+                        p.name, p.value, p.standard_error, p.unit
+                    )?;
+                }
+                Ok(())
+            }
+            Self::Confounded {
+                effects,
+                separating_demonstration,
+            } => write!(
+                f,
+                "confounded: {} fit equally well; {separating_demonstration}",
+                effects.join(" or ")
+            ),
+            Self::Unexplained { hint } => write!(f, "unexplained: {hint}"),
+        }
+    }
+}

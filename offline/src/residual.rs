@@ -1,0 +1,126 @@
+//! What a model does not explain, in millimetres over arc length and time, next to its noise, which
+//! is measured without the model.
+
+use crate::demo::Demo;
+use crate::fit::{Correlation, Evaluation};
+use crate::observe::{Row, STATIONS};
+use serde::{Deserialize, Serialize};
+
+/// Residual of one demonstration on the grid of frames and stations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResidualMap {
+    /// Name of the demonstration.
+    pub demo: String,
+    /// Time of each frame, s.
+    pub times_s: Vec<f64>,
+    /// Arc length of each station, m.
+    pub arcs_m: Vec<f64>,
+    /// Measured minus predicted per frame and station, mm along (x, y, z); none where nothing was seen.
+    pub offsets_mm: Vec<Vec<Option<[f64; 3]>>>,
+}
+
+/// Size of a residual next to its noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResidualSummary {
+    /// Root mean square of the measured offsets, mm.
+    pub rms_mm: f64,
+    /// Root mean square that noise alone would give, mm.
+    pub floor_mm: f64,
+    /// Their ratio.
+    pub floors: f64,
+    /// Number of offsets.
+    pub rows: usize,
+    /// Number of independent offsets that carry as much information.
+    pub effective_rows: f64,
+    /// Correlations and reduced chi-square.
+    pub correlation: Correlation,
+}
+
+impl ResidualSummary {
+    /// Of an evaluation.
+    pub fn of(evaluation: &Evaluation) -> Self {
+        let correlation = Correlation::of(evaluation);
+        let (rms, floor) = (evaluation.rms_m(), evaluation.floor_m());
+        Self {
+            rms_mm: 1e3 * rms,
+            floor_mm: 1e3 * floor,
+            floors: rms / floor,
+            rows: evaluation.len(),
+            effective_rows: correlation.effective_rows(evaluation.len()),
+            correlation,
+        }
+    }
+}
+
+impl ResidualMap {
+    /// Of one demonstration's rows.
+    pub fn of(demo: &Demo, times_s: &[f64], rows: &[Row]) -> Self {
+        let length = demo.spec.rope.length_m;
+        let mut offsets_mm = vec![vec![None; STATIONS]; times_s.len()];
+        for row in rows.iter().filter(|r| r.station < STATIONS) {
+            let cell = offsets_mm[row.frame][row.station].get_or_insert([0.0; 3]);
+            for k in 0..3 {
+                cell[k] += 1e3 * row.offset_m * row.direction[k];
+            }
+        }
+        Self {
+            demo: demo.name.clone(),
+            times_s: times_s.to_vec(),
+            arcs_m: (0..STATIONS)
+                .map(|s| (s as f64 + 0.5) / STATIONS as f64 * length)
+                .collect(),
+            offsets_mm,
+        }
+    }
+}
+
+/// Fewest frames at rest from which noise is measured.
+const MIN_REST_FRAMES: usize = 4;
+
+/// Number of frames before any clamp moves.
+pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
+    const MOVED_M: f64 = 1e-4;
+    let moves_at = demo
+        .clamps
+        .iter()
+        .filter_map(|samples| {
+            let first = samples.first()?.position_m;
+            samples
+                .iter()
+                .find(|s| (0..3).any(|k| (s.position_m[k] - first[k]).abs() > MOVED_M))
+                .map(|s| s.t_s)
+        })
+        .fold(f64::INFINITY, f64::min);
+    times_s.iter().filter(|&&t| t < moves_at).count()
+}
+
+/// Factor between the scatter of the offsets over frames at rest and the scatter that the declared
+/// noise gives; none when the demonstrations show too few frames at rest. The mean over the frames is
+/// taken out per station, so it does not matter what the model predicts.
+pub fn noise_scale(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>]) -> Option<f64> {
+    let (mut seen, mut expected) = (0.0, 0.0);
+    for ((demo, rows), times) in demos.iter().zip(&evaluation.rows).zip(times_s) {
+        let frames = rest_frames(demo, times);
+        if frames < MIN_REST_FRAMES {
+            continue;
+        }
+        for station in 0..STATIONS {
+            let at: Vec<&Row> = rows
+                .iter()
+                .filter(|r| r.station == station && r.frame < frames)
+                .collect();
+            let n = at.len() as f64 / 2.0;
+            if n < MIN_REST_FRAMES as f64 {
+                continue;
+            }
+            let vector = |r: &Row| r.direction.map(|d| d * r.offset_m);
+            let mean: [f64; 3] = std::array::from_fn(|k| at.iter().map(|r| vector(r)[k]).sum::<f64>() / n);
+            for row in &at {
+                let along: f64 = (0..3).map(|k| mean[k] * row.direction[k]).sum();
+                seen += (row.offset_m - along).powi(2) * n / (n - 1.0);
+                expected += row.sigma_m * row.sigma_m;
+            }
+        }
+    }
+    (expected > 0.0).then(|| (seen / expected).sqrt())
+}
