@@ -10,13 +10,16 @@ pub mod fit;
 pub mod freeze;
 pub mod inspect;
 pub mod model;
+pub mod model_file;
 pub mod observe;
 pub mod paper_units;
+pub mod pipeline;
 pub mod plot;
 pub mod reach;
 pub mod residual;
 pub mod run_files;
 pub mod sim;
+pub mod swing;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod trained;

@@ -1,3 +1,10 @@
 //! The program `offline`: arguments in, library calls, messages and exit codes out.
 
-fn main() {}
+mod cli;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::run(cli::Arguments::parse())
+}

@@ -67,8 +67,7 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline) -> Vec<Row> {
             demo.spec.noise_m,
         ),
         Observations::Markers(samples) => {
-            let mut times: Vec<f64> = samples.iter().map(|m| m.t_s).collect();
-            times.dedup();
+            let times = demo.times_s();
             let now = samples.iter().filter(|m| m.t_s == times[frame]);
             now.enumerate()
                 .flat_map(|(station, marker)| {

@@ -189,3 +189,15 @@ pub struct Demo {
     /// What was seen.
     pub observations: Observations,
 }
+
+impl Demo {
+    /// Times at which the rope was seen, s, increasing.
+    pub fn times_s(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = match &self.observations {
+            Observations::Clouds(frames) => frames.iter().map(|f| f.t_s).collect(),
+            Observations::Markers(samples) => samples.iter().map(|m| m.t_s).collect(),
+        };
+        times.dedup();
+        times
+    }
+}

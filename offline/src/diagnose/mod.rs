@@ -12,6 +12,6 @@ mod score;
 mod verdict;
 
 pub use gates::Gate;
-pub use rounds::{LoopOptions, Outcome, Refit, Round, close_loop};
+pub use rounds::{LoopOptions, Outcome, Refit, Round, close_loop, problems};
 pub use score::{Score, ScoreTable};
 pub use verdict::{ReasonCode, Verdict};

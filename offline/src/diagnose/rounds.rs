@@ -118,6 +118,29 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// Most evaluations of a refit: it starts from a one-step estimate.
 const REFIT_EVALUATIONS: usize = 6;
 
+/// The problems where a loop fits and where it judges: other demonstrations where there are any, else
+/// the last part of the same.
+///
+/// # Errors
+/// A demonstration cannot be simulated.
+pub fn problems<'a>(
+    demos: &[&'a Demo],
+    held_out: &[&'a Demo],
+    options: &LoopOptions,
+) -> Result<(Problem<'a>, Problem<'a>), FitError> {
+    let mut fit = Problem::new(demos, options.resolution)?;
+    let judge = if held_out.is_empty() {
+        let mut last = Problem::new(demos, options.resolution)?;
+        let split = 1.0 - HELD_OUT_SHARE;
+        last.frames = FrameShare { from: split, to: 1.0 };
+        fit.frames = FrameShare { from: 0.0, to: split };
+        last
+    } else {
+        Problem::new(held_out, options.resolution)?
+    };
+    Ok((fit, judge))
+}
+
 /// What the loop works on.
 struct Bench<'a> {
     fit: Problem<'a>,
@@ -127,18 +150,9 @@ struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     fn new(demos: &[&'a Demo], held_out: &[&'a Demo], options: &LoopOptions) -> Result<Self, FitError> {
-        let mut fit = Problem::new(demos, options.resolution)?;
+        let (fit, held_out) = problems(demos, held_out, options)?;
         let mut finer = Problem::new(demos, options.finer)?;
-        let held_out = if held_out.is_empty() {
-            let mut last = Problem::new(demos, options.resolution)?;
-            let split = 1.0 - HELD_OUT_SHARE;
-            last.frames = FrameShare { from: split, to: 1.0 };
-            fit.frames = FrameShare { from: 0.0, to: split };
-            finer.frames = fit.frames;
-            last
-        } else {
-            Problem::new(held_out, options.resolution)?
-        };
+        finer.frames = fit.frames;
         Ok(Self { fit, held_out, finer })
     }
 

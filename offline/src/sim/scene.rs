@@ -5,7 +5,7 @@ use super::clamp::{ClampPath, Knot};
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
 use super::rope::{RopeLayout, RopeShape};
-use crate::demo::{Demo, Observations, RopeEnd};
+use crate::demo::{Demo, RopeEnd};
 use shared::profile::{LineProfile, MotionLimits};
 use shared::task::SwingTask;
 
@@ -109,11 +109,7 @@ impl Scene {
             }
             None => [0.0, 0.0, spec.table.height_m + 0.5 * rope.diameter_m],
         };
-        let mut frame_times_s: Vec<f64> = match &demo.observations {
-            Observations::Clouds(frames) => frames.iter().map(|f| f.t_s).collect(),
-            Observations::Markers(samples) => samples.iter().map(|m| m.t_s).collect(),
-        };
-        frame_times_s.dedup();
+        let frame_times_s = demo.times_s();
         let table = Table {
             height_m: spec.table.height_m,
         };

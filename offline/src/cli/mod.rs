@@ -1,0 +1,134 @@
+//! Command line of `offline`.
+
+mod demos;
+mod progress;
+mod runs;
+
+use clap::{Args, Parser, Subcommand};
+use offline::pipeline::{Preset, Stage};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// From one measured demonstration of a rope to a frozen policy.
+#[derive(Parser)]
+#[command(name = "offline", version, about)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Print the result as JSON on standard output.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Everything, in order: fit, missing effects, rollouts, policy, blob, report.
+    #[command(
+        after_help = "Example: offline run --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
+    Run(RunArguments),
+    /// Fit the rope and find what its model lacks; like `run`, but stops after the diagnosis.
+    #[command(after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope")]
+    Diagnose(RunArguments),
+    /// Like `run`, but stops once the policy is trained.
+    #[command(after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope")]
+    Train(RunArguments),
+    /// Like `run`, but stops once the policy is evaluated.
+    #[command(after_help = "Example: offline evaluate --out runs/my-rope --demo my-rope/lift-1")]
+    Evaluate(RunArguments),
+    /// Like `run`, but stops once the blob is written and read back.
+    #[command(after_help = "Example: offline freeze --demo my-rope/lift-1 --out runs/my-rope")]
+    Freeze(RunArguments),
+    /// Work with demonstration folders.
+    #[command(subcommand)]
+    Demo(DemoCommand),
+    /// Show what is in a policy blob or a run.
+    #[command(after_help = "Example: offline inspect runs/sample-rope/policy.blob")]
+    Inspect {
+        /// A policy blob, or the folder of a run.
+        path: PathBuf,
+    },
+}
+
+#[derive(Subcommand)]
+enum DemoCommand {
+    /// Check demonstration folders and say what is in them.
+    #[command(after_help = "Example: offline demo check offline/demos/sample-rope/fit")]
+    Check {
+        /// Folders.
+        #[arg(required = true)]
+        folders: Vec<PathBuf>,
+    },
+    /// Draw a demonstration as an SVG file.
+    #[command(after_help = "Example: offline demo show offline/demos/sample-rope/fit --out demo.svg")]
+    Show {
+        /// Folder.
+        folder: PathBuf,
+        /// File to write; the folder's name with `.svg` in the current folder by default.
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
+}
+
+/// What a run works on.
+#[derive(Args)]
+struct RunArguments {
+    /// Demonstrations to fit; the shipped sample rope by default.
+    #[arg(long, num_args = 1.., value_name = "DIR")]
+    demo: Vec<PathBuf>,
+    /// Demonstrations of the same rope that only judge.
+    #[arg(long, num_args = 1.., value_name = "DIR")]
+    held_out: Vec<PathBuf>,
+    /// How much to do.
+    #[arg(long, value_enum, default_value = "quick")]
+    preset: Preset,
+    /// Folder of the run; `runs/<name>` by default.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Name of the rope; that of the first demonstration's parent folder by default.
+    #[arg(long)]
+    name: Option<String>,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+/// Exit code after Ctrl-C, as shells count it.
+const STOPPED: u8 = 130;
+
+/// Runs a command and turns its result into an exit code: 0 done, 1 failed, 130 stopped; clap itself
+/// answers wrong use with 2.
+pub fn run(arguments: Arguments) -> ExitCode {
+    let json = arguments.json;
+    let result = match arguments.command {
+        Command::Run(a) => runs::run(&a, Stage::Report, json),
+        Command::Diagnose(a) => runs::run(&a, Stage::Diagnose, json),
+        Command::Train(a) => runs::run(&a, Stage::Train, json),
+        Command::Evaluate(a) => runs::run(&a, Stage::Evaluate, json),
+        Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
+        Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
+        Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Inspect { path } => demos::inspect(&path, json),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_stop(&error) => {
+            eprintln!("offline: {error}");
+            ExitCode::from(STOPPED)
+        }
+        Err(error) => {
+            // One line: what went wrong, and the causes behind it.
+            eprintln!("offline: {}", format!("{error:#}").replace('\n', " "));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn is_stop(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .any(|cause| cause.to_string() == offline::collect::Stopped.to_string())
+}

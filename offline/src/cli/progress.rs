@@ -1,0 +1,111 @@
+//! Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use offline::collect::Progress;
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Tells the user how far a run has come.
+pub struct Reporter {
+    start: Instant,
+    terminal: bool,
+    state: Mutex<State>,
+}
+
+struct State {
+    stage: &'static str,
+    stage_start: Instant,
+    last_line_s: f64,
+    bar: Option<ProgressBar>,
+}
+
+/// Seconds between plain lines of one stage.
+const LINE_EVERY_S: f64 = 10.0;
+
+impl Reporter {
+    /// A reporter that counts time from now.
+    pub fn new() -> Self {
+        Self {
+            start: Instant::now(),
+            terminal: std::io::stderr().is_terminal(),
+            state: Mutex::new(State {
+                stage: "",
+                stage_start: Instant::now(),
+                last_line_s: 0.0,
+                bar: None,
+            }),
+        }
+    }
+
+    /// Time since the start, s.
+    pub fn elapsed_s(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    /// A step that has begun.
+    pub fn say(&self, line: &str) {
+        let mut state = self.lock();
+        if let Some(bar) = state.bar.take() {
+            bar.finish_and_clear();
+        }
+        eprintln!("[{:6.1} s] {line}", self.elapsed_s());
+    }
+
+    /// Work of which the total is known.
+    pub fn advance(&self, progress: Progress) {
+        let mut state = self.lock();
+        if state.stage != progress.stage || progress.done <= 1 && progress.total > 1 {
+            if let Some(bar) = state.bar.take() {
+                bar.finish_and_clear();
+            }
+            state.stage = progress.stage;
+            state.stage_start = Instant::now();
+            state.last_line_s = self.elapsed_s();
+            if self.terminal {
+                let style = ProgressStyle::with_template("{msg:>12} [{bar:32}] {pos}/{len}, {eta} left")
+                    .expect("the template is a constant");
+                let bar = ProgressBar::new(progress.total as u64).with_style(style);
+                bar.set_message(progress.stage);
+                state.bar = Some(bar);
+            } else {
+                eprintln!(
+                    "[{:6.1} s] {}: {} to do",
+                    self.elapsed_s(),
+                    progress.stage,
+                    progress.total
+                );
+            }
+        }
+        match &state.bar {
+            Some(bar) => bar.set_position(progress.done as u64),
+            None => self.plain_line(&mut state, progress),
+        }
+        if progress.done >= progress.total
+            && let Some(bar) = state.bar.take()
+        {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn plain_line(&self, state: &mut State, progress: Progress) {
+        let now = self.elapsed_s();
+        if now - state.last_line_s < LINE_EVERY_S {
+            return;
+        }
+        state.last_line_s = now;
+        let spent = state.stage_start.elapsed().as_secs_f64();
+        let left = spent / progress.done.max(1) as f64 * (progress.total - progress.done) as f64;
+        eprintln!(
+            "[{now:6.1} s] {}: {} of {}, about {left:.0} s left",
+            progress.stage, progress.done, progress.total
+        );
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+        // A panic elsewhere must not hide its message behind another one here.
+        self.state
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,211 @@
+//! `offline run` and the commands that stop earlier.
+
+use super::RunArguments;
+use super::progress::Reporter;
+use anyhow::Context;
+use offline::collect::Watch;
+use offline::fit::estimates;
+use offline::model::Estimate;
+use offline::pipeline::{
+    Identified, Inputs, Learned, RunSettings, Stage, Summary, freeze_policy, identify, learn,
+};
+use offline::residual::ResidualSummary;
+use offline::run_files::{RunFolder, write_whole};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The demonstrations that ship with the program, relative to the repository.
+const SAMPLE: &str = "offline/demos/sample-rope";
+/// The sample rope's fitting demonstration and the ones that judge.
+const SAMPLE_PARTS: (&str, [&str; 2]) = ("fit", ["held-out-1", "held-out-2"]);
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// Runs all stages up to `last`.
+pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<()> {
+    let reporter = Reporter::new();
+    catch_interrupt()?;
+    if let Some(threads) = arguments.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot set the number of threads")?;
+    }
+    let (demos, held_out, name) = chosen(arguments)?;
+    let inputs = Inputs::load(&name, &demos, &held_out)?;
+    for demo in inputs.demos.iter().chain(&inputs.held_out) {
+        for warning in offline::demo::warnings(demo) {
+            reporter.say(&format!("warning: {}: {warning}", demo.name));
+        }
+    }
+    let settings = RunSettings::of(arguments.preset, arguments.seed);
+    let out = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| Path::new("runs").join(&name));
+    let run = RunFolder::open(&out)?;
+    let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
+    say_identified(&identified, &reporter);
+    let mut summary = summary_of(&identified, &run);
+    if last > Stage::Diagnose {
+        let watch = Watch {
+            progress: &|p| reporter.advance(p),
+            stop: &STOP,
+        };
+        let learned = learn(&identified, &settings, &run, watch)?;
+        summary.policy = learned.evaluation.miss;
+        say_learned(&learned, &reporter);
+        if last >= Stage::Freeze {
+            let frozen = freeze_policy(&identified, &learned, &settings, &inputs.hashes, &run)?;
+            reporter.say(&format!(
+                "froze {} bytes, read back, {} answers equal bit for bit",
+                frozen.bytes, frozen.answers_compared
+            ));
+            summary.blob = Some(run.blob().display().to_string());
+        }
+    }
+    summary.wall_s = reporter.elapsed_s();
+    finish(&summary, arguments, &settings, &run, json)
+}
+
+/// Ctrl-C lets running rollouts end and their shard be written; the second one leaves at once.
+fn catch_interrupt() -> anyhow::Result<()> {
+    ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprintln!("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
+    })
+    .context("cannot catch Ctrl-C")
+}
+
+/// Demonstrations to fit, demonstrations to judge by, and the rope's name.
+fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf>, String)> {
+    if arguments.demo.is_empty() {
+        anyhow::ensure!(
+            arguments.held_out.is_empty(),
+            "--held-out without --demo: name the demonstration to fit as well"
+        );
+        let sample = Path::new(SAMPLE);
+        anyhow::ensure!(
+            sample.is_dir(),
+            "the sample rope is not at {SAMPLE}: run from the repository's folder, or name your own with --demo"
+        );
+        let (fit, judges) = SAMPLE_PARTS;
+        let name = arguments.name.clone().unwrap_or_else(|| "sample-rope".into());
+        return Ok((
+            vec![sample.join(fit)],
+            judges.iter().map(|j| sample.join(j)).collect(),
+            name,
+        ));
+    }
+    let of_parent = || {
+        let full = arguments.demo[0].canonicalize().ok()?;
+        Some(full.parent()?.file_name()?.to_string_lossy().into_owned())
+    };
+    let name = arguments
+        .name
+        .clone()
+        .or_else(of_parent)
+        .unwrap_or_else(|| "rope".into());
+    Ok((arguments.demo.clone(), arguments.held_out.clone(), name))
+}
+
+fn say_identified(identified: &Identified, reporter: &Reporter) {
+    let outcome = &identified.outcome;
+    for e in estimates(&outcome.fitted.best, &outcome.structure) {
+        reporter.say(&format!("  {}", estimate_line(&e)));
+    }
+    reporter.say(&format!("verdict: {}", outcome.verdict));
+    for reason in &outcome.reasons {
+        reporter.say(&format!("  {reason}"));
+    }
+    let (before, after) = (
+        ResidualSummary::of(&outcome.held_out_before),
+        ResidualSummary::of(&outcome.held_out_after),
+    );
+    reporter.say(&format!(
+        "held-out error {:.2} mm ({:.1} noise floors) before, {:.2} mm ({:.1}) after",
+        before.rms_mm, before.floors, after.rms_mm, after.floors
+    ));
+}
+
+fn estimate_line(e: &Estimate) -> String {
+    let note = if e.identified {
+        ""
+    } else {
+        "  (not identified by these data)"
+    };
+    format!(
+        "{} = {:.4e} ± {:.1e} {}{note}",
+        e.name, e.value, e.standard_error, e.unit
+    )
+}
+
+fn say_learned(learned: &Learned, reporter: &Reporter) {
+    if let Some(miss) = &learned.evaluation.miss {
+        reporter.say(&format!(
+            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} unseen ropes and goals (median {:.1}, p90 {:.1})",
+            miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
+        ));
+    }
+    for (reason, count) in &learned.evaluation.refusals {
+        reporter.say(&format!("  refused: {count} ({reason})"));
+    }
+    reporter.say(&format!(
+        "this rope reaches goals from {:.3} to {:.3} m",
+        learned.reach_m.low, learned.reach_m.high
+    ));
+}
+
+fn summary_of(identified: &Identified, run: &RunFolder) -> Summary {
+    let outcome = &identified.outcome;
+    let before = ResidualSummary::of(&outcome.held_out_before);
+    let after = ResidualSummary::of(&outcome.held_out_after);
+    Summary {
+        folder: run.path().display().to_string(),
+        verdict: outcome.verdict.to_string(),
+        effects: identified.model.effects.iter().map(|e| e.id.clone()).collect(),
+        parameters: estimates(&outcome.fitted.best, &outcome.structure),
+        held_out_before_mm: before.rms_mm,
+        held_out_after_mm: after.rms_mm,
+        floor_mm: after.floor_mm,
+        policy: None,
+        blob: None,
+        report: None,
+        wall_s: 0.0,
+    }
+}
+
+/// Writes `run.json` and prints where everything is.
+fn finish(
+    summary: &Summary,
+    arguments: &RunArguments,
+    settings: &RunSettings,
+    run: &RunFolder,
+    json: bool,
+) -> anyhow::Result<()> {
+    let record = serde_json::json!({
+        "command": std::env::args().collect::<Vec<_>>().join(" "),
+        "program": concat!("offline ", env!("CARGO_PKG_VERSION")),
+        "seed": arguments.seed,
+        "settings": settings,
+        "threads": rayon::current_num_threads(),
+        "summary": summary,
+    });
+    write_whole(&run.record(), &serde_json::to_vec_pretty(&record)?)?;
+    if json {
+        println!("{}", serde_json::to_string_pretty(summary)?);
+    } else {
+        println!(
+            "done in {:.0} s; everything is in {}",
+            summary.wall_s, summary.folder
+        );
+        for (what, path) in [("report", &summary.report), ("policy", &summary.blob)] {
+            if let Some(path) = path {
+                println!("  {what}: {path}");
+            }
+        }
+    }
+    Ok(())
+}

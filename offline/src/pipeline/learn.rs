@@ -1,0 +1,178 @@
+//! The second half of a run: rollouts, policy, evaluation, blob.
+
+use super::identify::Identified;
+use super::settings::{Preset, RunSettings};
+use crate::collect::{Design, Watch};
+use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
+use crate::freeze::{Frozen, bounded, freeze, short};
+use crate::model::Estimate;
+use crate::model_file::ModelFile;
+use crate::run_files::{RunFolder, write_whole};
+use crate::swing::SimulatedSwing;
+use crate::trained::Trained;
+use anyhow::Context;
+use shared::arm::DEFAULT_TASK_FRAME;
+use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry};
+use shared::profile::MotionLimits;
+use shared::task::{Interval, SwingTask};
+
+/// A policy and how good it is.
+pub struct Learned {
+    /// The policy.
+    pub trained: Trained,
+    /// Over unseen ropes and goals.
+    pub evaluation: Evaluation,
+    /// What swings.
+    pub swing: SimulatedSwing,
+    /// Goals that the identified rope reaches.
+    pub reach_m: Interval,
+}
+
+/// Young's moduli of the paper, Pa: [500, 10500] of its units at 1000 kg/m³.
+const YOUNG_PA: Interval = Interval {
+    low: 0.2e6,
+    high: 4.3e6,
+};
+/// Poisson's ratios of the paper.
+const POISSON: Interval = Interval { low: 0.2, high: 0.4 };
+/// Goals by which the reach of the identified rope is confirmed.
+const REACH_GOALS: usize = 5;
+
+/// The swing of an identified rope.
+///
+/// # Errors
+/// The model names an effect that this program does not know.
+pub fn swing_of(model: &ModelFile) -> anyhow::Result<SimulatedSwing> {
+    let (structure, effect_values) = model.structure()?;
+    Ok(SimulatedSwing {
+        rope: model.rope,
+        task: SwingTask::PAPER,
+        structure,
+        effect_values,
+        resolution: crate::fit::Resolution {
+            cells: model.provenance.cells_per_diameter,
+        },
+    })
+}
+
+/// Young's modulus and Poisson's ratio as the policy takes them: within what it was trained on.
+fn rope_inputs(model: &ModelFile, design: &Design) -> (f64, f64) {
+    (
+        design.young_pa.clamp(model.elasticity[0].value),
+        design.poisson.clamp(model.elasticity[1].value),
+    )
+}
+
+/// The random design of a run, widened so that it holds the identified rope.
+fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> Design {
+    let young = model.elasticity[0].value;
+    Design {
+        young_pa: Interval {
+            low: YOUNG_PA.low.min(0.8 * young),
+            high: YOUNG_PA.high.max(1.25 * young),
+        },
+        poisson: POISSON,
+        region: Design::region(&swing.task, swing.free_length_m()),
+        rollouts: settings.rollouts,
+        seed: settings.seed,
+    }
+}
+
+/// Collects, trains and evaluates.
+///
+/// # Errors
+/// Stopped on request, too few rollouts had a score, or a file cannot be written.
+#[cfg(feature = "train")]
+pub fn learn(
+    identified: &Identified,
+    settings: &RunSettings,
+    run: &RunFolder,
+    watch: Watch,
+) -> anyhow::Result<Learned> {
+    use crate::train::{TrainSettings, train};
+    let model = &identified.model;
+    let swing = swing_of(model)?;
+    let design = design(&swing, model, settings);
+    let mut schedule = match settings.preset {
+        Preset::Quick => TrainSettings {
+            rounds: 1,
+            answers: 32,
+            ..TrainSettings::QUICK
+        },
+        Preset::Paper => TrainSettings::PAPER,
+    };
+    schedule.seed = settings.seed;
+    let trained = train(&design, &swing, run, identified.model_hash, &schedule, watch)?;
+    let [ropes, goals] = settings.evaluation;
+    let practice = unseen(&trained.reach, ropes, goals, settings.seed);
+    let evaluation = evaluate(&trained.policy, &swing, &practice, watch)?;
+    write_whole(&run.evaluation(), &serde_json::to_vec_pretty(&evaluation)?)?;
+    let (young_pa, poisson) = rope_inputs(model, &design);
+    let predicted = trained.reach.reachable_m(young_pa, poisson);
+    let own = along(&predicted, young_pa, poisson, REACH_GOALS);
+    let reach_m = confirmed_reach(&evaluate(&trained.policy, &swing, &own, watch)?)?;
+    Ok(Learned {
+        trained,
+        evaluation,
+        swing,
+        reach_m,
+    })
+}
+
+/// Freezes the policy with the identified rope into `policy.blob`.
+///
+/// # Errors
+/// A name is too long, or the file written does not read back equal.
+pub fn freeze_policy(
+    identified: &Identified,
+    learned: &Learned,
+    settings: &RunSettings,
+    demos: &[u64],
+    run: &RunFolder,
+) -> anyhow::Result<Frozen> {
+    let model = &identified.model;
+    let mut effects = Vec::new();
+    for entry in &model.effects {
+        for p in &entry.parameters {
+            effects.push(EffectSummary {
+                name: short("effect", &entry.id)?,
+                parameter: short("parameter", p.name.rsplit('.').next().unwrap_or(&p.name))?,
+                value: p.value,
+                se: p.standard_error,
+            });
+        }
+    }
+    let [young, poisson]: &[Estimate; 2] = model
+        .elasticity
+        .first_chunk()
+        .context("a model has E and Poisson's ratio")?;
+    let ranges = learned.trained.policy.ranges();
+    let rope = RopeEntry {
+        name: short("rope", &model.name)?,
+        young_pa: young.value,
+        young_se_pa: young.standard_error,
+        poisson: ranges.poisson.clamp(poisson.value),
+        poisson_se: poisson.standard_error,
+        poisson_identified: poisson.identified,
+        length_m: model.rope.length_m,
+        diameter_m: model.rope.diameter_m,
+        mass_kg: model.rope.mass_kg,
+        reach_m: learned.reach_m,
+        effects: bounded("effects", &effects)?,
+    };
+    let blob = Box::new(Blob {
+        policy: (*learned.trained.policy).clone(),
+        ropes: bounded("ropes", &[rope])?,
+        task: learned.swing.task,
+        frame: DEFAULT_TASK_FRAME,
+        motion: MotionLimits::PAPER,
+        provenance: Provenance {
+            demos: bounded("demonstrations", demos)?,
+            model: identified.model_hash,
+            dataset: learned.trained.dataset.hash,
+            seed: settings.seed,
+            program: short("program", &model.provenance.program)?,
+        },
+    });
+    freeze(&blob, &run.blob())
+}

@@ -1,0 +1,56 @@
+//! Everything in order: demonstrations to fit, diagnosis, rollouts, policy, blob and report. Every
+//! stage leaves whole files in the run's folder and is skipped when they are there already, so a
+//! killed run goes on where it was.
+
+mod identify;
+mod learn;
+mod settings;
+
+pub use identify::{Identified, identify};
+pub use learn::{Learned, freeze_policy, learn};
+pub use settings::{Inputs, Preset, RunSettings};
+
+use serde::Serialize;
+
+/// The last stage that shall be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Fit, residual, effects.
+    Diagnose,
+    /// Rollouts and training.
+    Train,
+    /// Evaluation.
+    Evaluate,
+    /// Blob.
+    Freeze,
+    /// Report.
+    Report,
+}
+
+/// What a run found, for people and machines.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Folder of the run.
+    pub folder: String,
+    /// Verdict in words.
+    pub verdict: String,
+    /// Effects that were found.
+    pub effects: Vec<String>,
+    /// Parameters with standard errors.
+    pub parameters: Vec<crate::model::Estimate>,
+    /// Held-out error of the base model, mm.
+    pub held_out_before_mm: f64,
+    /// Held-out error of the final model, mm.
+    pub held_out_after_mm: f64,
+    /// Noise floor of the held-out error, mm.
+    pub floor_mm: f64,
+    /// |goal − reached| over unseen ropes and goals.
+    pub policy: Option<crate::evaluate::MissSummary>,
+    /// Path of the blob.
+    pub blob: Option<String>,
+    /// Path of the report.
+    pub report: Option<String>,
+    /// Wall time of this invocation, s.
+    pub wall_s: f64,
+}

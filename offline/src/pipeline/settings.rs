@@ -1,0 +1,136 @@
+//! What a run works on and how much it does.
+
+use crate::demo::Demo;
+use crate::fit::Resolution;
+use crate::run_files::Fnv64;
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// How much a run does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// Minutes on two cores.
+    Quick,
+    /// The paper's numbers of rollouts and epochs: hours.
+    Paper,
+}
+
+/// Settings of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunSettings {
+    /// Preset.
+    pub preset: Preset,
+    /// Cells across the rope.
+    pub cells: f64,
+    /// Random rollouts.
+    pub rollouts: u64,
+    /// Unseen ropes and goals per rope in the evaluation.
+    pub evaluation: [usize; 2],
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+impl RunSettings {
+    /// Settings of a preset.
+    pub fn of(preset: Preset, seed: u64) -> Self {
+        match preset {
+            Preset::Quick => Self {
+                preset,
+                cells: 1.5,
+                rollouts: 192,
+                evaluation: [15, 2],
+                seed,
+            },
+            Preset::Paper => Self {
+                preset,
+                cells: crate::sim::scene::PAPER_CELLS_PER_DIAMETER,
+                rollouts: 40_000,
+                evaluation: [100, 3],
+                seed,
+            },
+        }
+    }
+
+    /// Grid of all simulations.
+    pub fn resolution(&self) -> Resolution {
+        Resolution { cells: self.cells }
+    }
+}
+
+/// Demonstrations of a run.
+pub struct Inputs {
+    /// Name of the rope.
+    pub name: String,
+    /// Demonstrations that are fitted.
+    pub demos: Vec<Demo>,
+    /// Demonstrations that only judge.
+    pub held_out: Vec<Demo>,
+    /// Content hash of each fitted demonstration.
+    pub hashes: Vec<u64>,
+}
+
+impl Inputs {
+    /// Reads the demonstrations.
+    ///
+    /// # Errors
+    /// A folder is missing or malformed, or the demonstrations are of different ropes.
+    pub fn load(name: &str, demos: &[PathBuf], held_out: &[PathBuf]) -> anyhow::Result<Self> {
+        anyhow::ensure!(
+            !demos.is_empty(),
+            "no demonstration was given: name at least one folder with --demo"
+        );
+        let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Demo>> {
+            paths.iter().map(|p| Ok(Demo::load(p)?)).collect()
+        };
+        let inputs = Self {
+            name: name.into(),
+            demos: read(demos)?,
+            held_out: read(held_out)?,
+            hashes: demos.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>()?,
+        };
+        let first = &inputs.demos[0].spec.rope;
+        for other in inputs.demos.iter().chain(&inputs.held_out) {
+            let rope = &other.spec.rope;
+            anyhow::ensure!(
+                rope.length_m == first.length_m
+                    && rope.diameter_m == first.diameter_m
+                    && rope.mass_kg == first.mass_kg,
+                "{}: its rope differs from that of {}: one run identifies one rope",
+                other.name,
+                inputs.demos[0].name
+            );
+        }
+        Ok(inputs)
+    }
+}
+
+/// Hash of all files of a folder and their names, in the order of their names.
+fn hash_folder(folder: &Path) -> anyhow::Result<u64> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(next) = folders.pop() {
+        let entries = std::fs::read_dir(&next).with_context(|| format!("cannot list {}", next.display()))?;
+        for entry in entries {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    let mut hash = Fnv64::default();
+    for file in files {
+        let name = file
+            .strip_prefix(folder)
+            .unwrap_or(&file)
+            .to_string_lossy()
+            .into_owned();
+        hash.add(name.as_bytes());
+        hash.add(&std::fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?);
+    }
+    Ok(hash.value())
+}

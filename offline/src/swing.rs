@@ -1,0 +1,55 @@
+//! The swing task in the simulator: what a rope with its effects reaches from a release point.
+
+use crate::collect::{SwingRefusal, Swinger};
+use crate::fit::Resolution;
+use crate::model::Structure;
+use crate::sim::rope::RopeShape;
+use crate::sim::{Cause, Scene, SimError, simulate};
+use shared::task::SwingTask;
+
+/// A rope of known shape and effects whose elastic parameters vary.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedSwing {
+    /// Shape and mass.
+    pub rope: RopeShape,
+    /// The task.
+    pub task: SwingTask,
+    /// Effects.
+    pub structure: Structure,
+    /// Parameters of the effects, in the order of the structure.
+    pub effect_values: Vec<f64>,
+    /// Grid.
+    pub resolution: Resolution,
+}
+
+impl SimulatedSwing {
+    /// Length of rope between the two grips, m.
+    pub fn free_length_m(&self) -> f64 {
+        self.rope.length_m - 2.0 * self.task.grip_m
+    }
+}
+
+impl Swinger for SimulatedSwing {
+    fn reach_m(&self, young_pa: f64, poisson: f64, release_m: [f64; 2]) -> Result<f64, SwingRefusal> {
+        let scene = Scene::swing_settled(self.rope, &self.task, release_m, self.resolution.cells)
+            .map_err(|error| refusal(&error))?;
+        let mut theta = vec![young_pa.ln() as f32, poisson as f32];
+        theta.extend(self.effect_values.iter().map(|&v| v as f32));
+        // No table in this scene, so its friction does not matter.
+        let physics = self.structure.physics(&theta, 0.0);
+        let rollout = simulate(&scene, &physics).map_err(|error| refusal(&error))?;
+        rollout
+            .reach_m
+            .map(f64::from)
+            .ok_or_else(|| SwingRefusal::Failed("the swing ended before the release".into()))
+    }
+}
+
+fn refusal(error: &SimError) -> SwingRefusal {
+    match error.cause {
+        Cause::Unreachable {
+            distance_m, length_m, ..
+        } => SwingRefusal::Unreachable { distance_m, length_m },
+        _ => SwingRefusal::Failed(error.to_string()),
+    }
+}
