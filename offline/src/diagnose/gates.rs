@@ -45,13 +45,16 @@ pub(super) fn statistical_gates(
     let spec = &effects::ALL[score.effect];
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
+    let square = |r: &ResidualSummary| r.rms_mm * r.rms_mm;
+    let held_size = (square(held_before) - square(&refit.held_out)).max(0.0).sqrt();
     let removed = excess_removed(fit_before, &refit.fit);
     let held_removed = excess_removed(held_before, &refit.held_out);
+    // A parameter may stay where it vanishes: another parameter then carries the effect.
     let inside = spec
         .parameters
         .iter()
         .zip(&refit.parameters)
-        .all(|(p, e)| e.value > p.low && e.value < p.high || p.parameters_may_rest_at(e.value));
+        .all(|(p, e)| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at);
     let sized = spec
         .parameters
         .iter()
@@ -74,6 +77,14 @@ pub(super) fn statistical_gates(
                 held_before.rms_mm,
                 refit.held_out.rms_mm,
                 100.0 * held_gain
+            ),
+        ),
+        Gate::new(
+            "size of interest",
+            held_size >= held_before.floor_mm,
+            format!(
+                "moves the held-out rope by {held_size:.2} mm rms, the noise floor is {:.2} mm",
+                held_before.floor_mm
             ),
         ),
         Gate::new(
@@ -122,12 +133,4 @@ pub(super) fn refinement_gate(coarse: &[f64], fine: &[f64], noise_se: &[f64]) ->
             100.0 * change
         ),
     )
-}
-
-impl effects::ParameterSpec {
-    /// Whether a fitted value may stay where the parameter vanishes without speaking against the
-    /// effect, because another parameter of it carries the effect.
-    fn parameters_may_rest_at(&self, value: f64) -> bool {
-        value == self.vanishes_at
-    }
 }

@@ -116,7 +116,7 @@ const EXPLAINED_SHARE: f64 = 0.7;
 const HELD_OUT_SHARE: f64 = 0.3;
 
 /// Most evaluations of a refit: it starts from a one-step estimate.
-const REFIT_EVALUATIONS: usize = 6;
+const REFIT_EVALUATIONS: usize = 10;
 
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
 /// the last part of the same.

@@ -9,6 +9,7 @@ use crate::model::Estimate;
 use crate::model_file::ModelFile;
 use crate::run_files::{RunFolder, write_whole};
 use crate::swing::SimulatedSwing;
+use crate::train::{TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
 use shared::arm::DEFAULT_TASK_FRAME;
@@ -82,14 +83,12 @@ fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> 
 ///
 /// # Errors
 /// Stopped on request, too few rollouts had a score, or a file cannot be written.
-#[cfg(feature = "train")]
 pub fn learn(
     identified: &Identified,
     settings: &RunSettings,
     run: &RunFolder,
     watch: Watch,
 ) -> anyhow::Result<Learned> {
-    use crate::train::{TrainSettings, train};
     let model = &identified.model;
     let swing = swing_of(model)?;
     let design = design(&swing, model, settings);

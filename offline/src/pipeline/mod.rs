@@ -3,10 +3,12 @@
 //! killed run goes on where it was.
 
 mod identify;
+#[cfg(feature = "train")]
 mod learn;
 mod settings;
 
 pub use identify::{Identified, identify};
+#[cfg(feature = "train")]
 pub use learn::{Learned, freeze_policy, learn};
 pub use settings::{Inputs, Preset, RunSettings};
 

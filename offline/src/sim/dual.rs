@@ -103,9 +103,49 @@ impl<F: Float, const N: usize> SubAssign for Dual<F, N> {
     }
 }
 
+/// Three dual numbers: their lanes run along the tangents.
+#[derive(Clone, Copy, Debug)]
+pub struct Triple<F, const N: usize>([Dual<F, N>; 3]);
+
+impl<F: Float, const N: usize> Add for Triple<F, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
+    }
+}
+
+impl<F: Float, const N: usize> Sub for Triple<F, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
+    }
+}
+
+impl<F: Float, const N: usize> AddAssign for Triple<F, N> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
+}
+
 impl<F: Float, const N: usize> Real for Dual<F, N> {
     type Base = F;
-    const LANES: usize = 3;
+    type Packed = Triple<F, N>;
+
+    #[inline(always)]
+    fn pack(v: [Self; 3]) -> Triple<F, N> {
+        Triple(v)
+    }
+    #[inline(always)]
+    fn unpack(v: Triple<F, N>) -> [Self; 3] {
+        v.0
+    }
+    #[inline(always)]
+    fn packed_times(v: Triple<F, N>, c: F) -> Triple<F, N> {
+        Triple([v.0[0].times(c), v.0[1].times(c), v.0[2].times(c)])
+    }
 
     #[inline(always)]
     fn base(value: f64) -> F {

@@ -173,44 +173,26 @@ fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) 
         offset_m,
     } = &grid.links[index];
     // The value at the middle node, and its change from node to node along each axis.
-    let mut middle = [T::zero(); 4];
-    let mut along = [[T::zero(); 4]; 3];
+    let slope = &field.slope;
+    let mut middle = field.at_particle;
     for a in 0..3 {
-        let row = &field.slope[a];
-        let to_particle = row[0].times(offset_m[0]) + row[1].times(offset_m[1]) + row[2].times(offset_m[2]);
-        middle[a] = field.at_particle[a] - to_particle;
-        for b in 0..3 {
-            along[b][a] = row[b].times(dx);
-        }
+        let row = &slope[a];
+        middle[a] -= row[0].times(offset_m[0]) + row[1].times(offset_m[1]) + row[2].times(offset_m[2]);
     }
+    let along = |b: usize| T::packed_times(T::pack([slope[0][b], slope[1][b], slope[2][b]]), dx);
+    let (along_x, along_y, along_z) = (along(0), along(1), along(2));
+    let middle = T::pack(middle);
+    let planes = [middle - along_x, middle, middle + along_x];
     for i in 0..3 {
-        let plane = shifted(&middle, &along[0], i);
+        let lines = [planes[i] - along_y, planes[i], planes[i] + along_y];
         for j in 0..3 {
-            let line = shifted(&plane, &along[1], j);
+            let momenta = [lines[j] - along_z, lines[j], lines[j] + along_z];
             for k in 0..3 {
-                let momentum = shifted(&line, &along[2], k);
                 let entry = 9 * i + 3 * j + k;
-                let node = &mut grid.nodes[slots[entry] as usize];
-                for lane in 0..T::LANES {
-                    node[lane] += momentum[lane].times(weights[entry]);
-                }
+                grid.nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
             }
         }
     }
-}
-
-/// The value one node before (0), at (1) or one node after (2) `middle`.
-#[inline(always)]
-fn shifted<T: Real>(middle: &[T; 4], along: &[T; 4], place: usize) -> [T; 4] {
-    let mut out = *middle;
-    for lane in 0..T::LANES {
-        match place {
-            0 => out[lane] -= along[lane],
-            2 => out[lane] += along[lane],
-            _ => {}
-        }
-    }
-    out
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
@@ -271,17 +253,15 @@ fn scatter_contact<T: Real>(
 fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
     for index in 0..grid.nodes.len() {
-        let [px, py, pz, _] = grid.nodes[index];
-        let free = mul([px, py, pz], grid.inverse_mass[index]);
+        let free = mul(T::unpack(grid.nodes[index]), grid.inverse_mass[index]);
         let velocity = add(scaled(free, decay), fall);
         if !grid.constrained {
-            grid.nodes[index] = [velocity[0], velocity[1], velocity[2], T::zero()];
+            grid.nodes[index] = T::pack(velocity);
             continue;
         }
         let mass = grid.mass_kg[index];
         let velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
-        let [vx, vy, vz] = clamp_node(velocity, mass, &grid.clamps[index]);
-        grid.nodes[index] = [vx, vy, vz, T::zero()];
+        grid.nodes[index] = T::pack(clamp_node(velocity, mass, &grid.clamps[index]));
     }
 }
 
@@ -328,36 +308,26 @@ fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
 #[inline(always)]
 fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
     let link = &grid.links[index];
-    let mut velocity = [T::zero(); 4];
-    // moment[b] = Σ w v (offset along axis b), offsets counted in cells from the middle node.
-    let mut moment = [[T::zero(); 4]; 3];
+    let zero = T::pack([T::zero(); 3]);
+    // Σ w v (offset along z and y), offsets counted in cells from the middle node.
+    let (mut moment_y, mut moment_z) = (zero, zero);
+    let mut planes = [zero; 3];
     for i in 0..3 {
-        let mut plane = [T::zero(); 4];
+        let mut lines = [zero; 3];
         for j in 0..3 {
-            let first = 9 * i + 3 * j;
-            let nodes = [0, 1, 2].map(|k| &grid.nodes[link.slots[first + k] as usize]);
-            for lane in 0..T::LANES {
-                let low = nodes[0][lane].times(link.weights[first]);
-                let high = nodes[2][lane].times(link.weights[first + 2]);
-                let line = low + nodes[1][lane].times(link.weights[first + 1]) + high;
-                moment[2][lane] += high - low;
-                match j {
-                    0 => moment[1][lane] -= line,
-                    2 => moment[1][lane] += line,
-                    _ => {}
-                }
-                plane[lane] += line;
-            }
+            let at = |k: usize| {
+                let entry = 9 * i + 3 * j + k;
+                T::packed_times(grid.nodes[link.slots[entry] as usize], link.weights[entry])
+            };
+            let (low, high) = (at(0), at(2));
+            lines[j] = low + at(1) + high;
+            moment_z += high - low;
         }
-        for lane in 0..T::LANES {
-            match i {
-                0 => moment[0][lane] -= plane[lane],
-                2 => moment[0][lane] += plane[lane],
-                _ => {}
-            }
-            velocity[lane] += plane[lane];
-        }
+        planes[i] = lines[0] + lines[1] + lines[2];
+        moment_y += lines[2] - lines[0];
     }
+    let velocity = T::unpack(planes[0] + planes[1] + planes[2]);
+    let moment = [planes[2] - planes[0], moment_y, moment_z].map(T::unpack);
     let dx = T::base(grid.spacing_m);
     let scale = T::base(4.0 / (grid.spacing_m * grid.spacing_m));
     for a in 0..3 {
@@ -368,6 +338,6 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
         let f = &mut particle.deformation_gradient[a];
         *f = add(*f, scaled(particle.deformation_rate[a], dt_s));
     }
-    particle.velocity_m_s = [velocity[0], velocity[1], velocity[2]];
-    particle.position_m = add(particle.position_m, scaled(particle.velocity_m_s, dt_s));
+    particle.velocity_m_s = velocity;
+    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
 }
