@@ -3,6 +3,7 @@
 use crate::collect::{SwingRefusal, Swinger};
 use crate::fit::Resolution;
 use crate::model::Structure;
+use crate::sim::physics::GRAVITY_M_S2;
 use crate::sim::rope::RopeShape;
 use crate::sim::{Cause, Scene, SimError, simulate};
 use shared::task::SwingTask;
@@ -22,6 +23,11 @@ pub struct SimulatedSwing {
     pub resolution: Resolution,
 }
 
+/// A rope folded at its release point can buckle out of the task plane, as a real one does; in an exactly
+/// planar simulation only rounding would start that. This lean of gravity starts it the same way every
+/// time (measured: without it the reach of such releases is up to 15 mm off; planar ones move by 0.001 mm).
+const LEAN_RAD: f64 = 1e-3;
+
 impl SimulatedSwing {
     /// Length of rope between the two grips, m.
     pub fn free_length_m(&self) -> f64 {
@@ -36,7 +42,8 @@ impl Swinger for SimulatedSwing {
         let mut theta = vec![young_pa.ln() as f32, poisson as f32];
         theta.extend(self.effect_values.iter().map(|&v| v as f32));
         // No table in this scene, so its friction does not matter.
-        let physics = self.structure.physics(&theta, 0.0);
+        let mut physics = self.structure.physics(&theta, 0.0);
+        physics.gravity_m_s2[1] += (LEAN_RAD * GRAVITY_M_S2) as f32;
         let rollout = simulate(&scene, &physics).map_err(|error| refusal(&error))?;
         rollout
             .reach_m

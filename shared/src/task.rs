@@ -33,7 +33,7 @@ impl Interval {
 /// point, waits and opens; the score is the largest x that the bottom tip reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SwingTask {
-    /// Lower face of the fixed clamp, (x, z) in m: the rope hangs freely below it.
+    /// The rope's top end, (x, z) in m; the fixed clamp holds [`Self::grip_m`] of rope below it.
     pub top_m: [f64; 2],
     /// Release points, x in m.
     pub release_x_m: Interval,
@@ -41,7 +41,7 @@ pub struct SwingTask {
     pub release_z_m: Interval,
     /// Goals for the tip's largest x, m.
     pub goal_x_m: Interval,
-    /// Length of rope inside the gripper at the bottom end, m.
+    /// Length of rope inside the fixed clamp and inside the gripper, m.
     pub grip_m: f64,
     /// Time between the end of the drag and the release, s.
     pub dwell_s: f64,

@@ -18,7 +18,7 @@ pub struct Table {
 impl Table {
     /// Upward force on a node of mass `mass` whose surface is `radius_m` below its axis, N.
     ///
-    /// The spring carries the node's weight at [`INDENTATION_M`]; the damper is critical, and the
+    /// The spring carries the node's weight at `INDENTATION_M`; the damper is critical, and the
     /// force never pulls.
     pub fn normal_force(&self, x: &Vector3<f64>, v: &Vector3<f64>, mass: f64, radius_m: f64) -> f64 {
         let depth = self.height_m + radius_m - x.z;

@@ -19,17 +19,15 @@ use std::process::Command;
 const MOST_FILE_LINES: usize = 600;
 const MOST_FUNCTION_LINES: usize = 70;
 
-const TOP_LEVEL: [&str; 12] = [
+const TOP_LEVEL: [&str; 10] = [
     "CHANGELOG.md",
     "Cargo.lock",
     "Cargo.toml",
     "LICENSE-APACHE",
     "LICENSE-MIT",
     "README.md",
-    "clippy.toml",
     "controller",
     "offline",
-    "rustfmt.toml",
     "shared",
     "tests",
 ];

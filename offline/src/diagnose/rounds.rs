@@ -241,6 +241,13 @@ impl Bench<'_> {
     }
 }
 
+/// A refit with the model that it gave.
+type Tried = (Refit, Structure, FitResult);
+/// The model that won a round: structure, fit, held-out residual, name of its new effect.
+type Best = (Structure, FitResult, ResidualSummary, String);
+/// All refits of a round, the winner, and the effects that tie with it.
+type Chosen = (Vec<Refit>, Option<Best>, Vec<String>);
+/// The next model and the effects that tie with its new one.
 type Winner = (Structure, FitResult, ResidualSummary, Vec<String>);
 
 fn one_round(
@@ -268,7 +275,7 @@ fn one_round(
             names(&chosen).join(", ")
         }
     ));
-    let tried: Vec<(Refit, Structure, FitResult)> = chosen
+    let tried: Vec<Tried> = chosen
         .par_iter()
         .filter_map(|score| {
             refit(
@@ -283,7 +290,24 @@ fn one_round(
             .ok()
         })
         .collect();
-    let mut tried = tried;
+    let (refits, winner, tied) = choose(bench, tried, progress)?;
+    let accepted = winner.as_ref().map(|w| w.3.clone());
+    let round = Round {
+        known: structure
+            .effects
+            .iter()
+            .map(|&e| effects::ALL[e].id.into())
+            .collect(),
+        table,
+        refits,
+        accepted,
+    };
+    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied))))
+}
+
+/// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
+/// those that tie with it.
+fn choose(bench: &Bench, mut tried: Vec<Tried>, progress: &dyn Fn(&str)) -> Result<Chosen, FitError> {
     tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
     let mut winner = None;
     let mut refits = Vec::new();
@@ -304,18 +328,7 @@ fn one_round(
         }
         refits.push(refit);
     }
-    let accepted = winner.as_ref().map(|w| w.3.clone());
-    let round = Round {
-        known: structure
-            .effects
-            .iter()
-            .map(|&e| effects::ALL[e].id.into())
-            .collect(),
-        table,
-        refits,
-        accepted,
-    };
-    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied))))
+    Ok((refits, winner, tied))
 }
 
 fn names(scores: &[&Score]) -> Vec<String> {

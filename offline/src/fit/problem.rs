@@ -89,6 +89,9 @@ pub struct Evaluation {
     pub jacobian: DMatrix<f64>,
 }
 
+/// What was measured of one demonstration against the prediction, and the prediction.
+type Measured<T> = (Vec<Row>, Rollout<T>);
+
 /// Most tangents of one pass.
 pub const MAX_TANGENTS: usize = 12;
 /// Fewest rows of a demonstration worth fitting.
@@ -179,11 +182,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Simulates every demonstration and measures it against the prediction.
-    fn run<T: Real>(
-        &self,
-        structure: &Structure,
-        theta: &[T],
-    ) -> Result<Vec<(Vec<Row>, Rollout<T>)>, FitError> {
+    fn run<T: Real>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
             .map(|d| {

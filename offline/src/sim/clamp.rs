@@ -173,7 +173,7 @@ mod tests {
             .map(|&t| (t, pose(t), true))
             .collect();
         let path = ClampPath::from_samples(&samples);
-        for t in [0.12, 0.2, 0.26, 0.29] {
+        for t in [0.12_f64, 0.2, 0.26, 0.29] {
             let got = path.pose(t);
             assert!((got[0] - t * t).abs() < 1e-12, "{t}: {}", got[0]);
             assert!((got[1] + t).abs() < 1e-12);

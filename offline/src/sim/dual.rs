@@ -64,6 +64,8 @@ impl<F: Float, const N: usize> Sub for Dual<F, N> {
 impl<F: Float, const N: usize> Mul for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
+    // The product rule adds.
+    #[allow(clippy::suspicious_arithmetic_impl)]
     fn mul(self, b: Self) -> Self {
         Self::per_lane(self.value * b.value, |k| {
             self.tangent[k] * b.value + self.value * b.tangent[k]
@@ -188,7 +190,7 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
         (self.chain(sin, cos), self.chain(cos, -sin))
     }
 
-    /// The value by Newton's iteration, the derivative in closed form: dR = R [ω]× with
+    /// The value by Newton's iteration, the derivative in closed form: dR = R Ω, Ω the cross-product matrix of ω, with
     /// (tr(S) I − S) ω = axial(Rᵀ dF − dFᵀ R), S = Rᵀ F. It is regular wherever two singular
     /// values of F do not sum to zero, F = I included, unlike the derivative of an SVD.
     #[inline(always)]
@@ -225,7 +227,7 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
         let mut out = [[Self::zero(); 3]; 3];
         for i in 0..3 {
             for j in 0..3 {
-                // Column j of R [ω]×: R (ω × e_j) has the entries below.
+                // Column j of R Ω: R (ω × e_j) has the entries below.
                 let (p, q) = ((j + 1) % 3, (j + 2) % 3);
                 out[i][j] =
                     Self::per_lane(r[i][j], |k| r[i][p] * w[q].tangent[k] - r[i][q] * w[p].tangent[k]);

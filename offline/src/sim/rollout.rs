@@ -147,8 +147,9 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     if !(poisson > -0.99 && poisson < 0.499) {
         return bad("poisson", poisson);
     }
-    if !physics.friction.value().is_finite() {
-        return bad("friction", physics.friction.value());
+    let friction = physics.friction.value();
+    if !(friction.is_finite() && friction >= 0.0) {
+        return bad("friction", friction);
     }
     Ok(())
 }
@@ -156,7 +157,7 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
 /// Looks for runaway particles now and then: an instability takes many steps to grow.
 fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usize) -> Result<(), Cause> {
     const EVERY: usize = 16;
-    if step % EVERY != 0 {
+    if !step.is_multiple_of(EVERY) {
         return Ok(());
     }
     for (particle, p) in particles.iter().enumerate() {

@@ -210,7 +210,7 @@ impl Scene {
         cells: f64,
         frame_times_s: Vec<f64>,
     ) -> Result<Self, SimError> {
-        if cells < MIN_CELLS_PER_DIAMETER {
+        if !cells.is_finite() || cells < MIN_CELLS_PER_DIAMETER {
             return Err(SimError::at_start(Cause::TooThin { cells }));
         }
         let spacing_m = rope.diameter_m / cells;

@@ -90,8 +90,7 @@ fn momentum_field<T: Real>(
 ) -> Result<MomentumField<T>, Cause> {
     let f = &particle.deformation_gradient;
     let (mut pk1, j) = piola_stress(f, &context.lame);
-    // Also catches NaN, for which no comparison holds.
-    if !(j.value() > 0.0) {
+    if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
     }
     if !context.physics.stress_laws.is_empty() {
