@@ -14,6 +14,7 @@ pub mod observe;
 pub mod paper_units;
 pub mod plot;
 pub mod reach;
+pub mod report;
 pub mod residual;
 pub mod run_files;
 pub mod sim;
