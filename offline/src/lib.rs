@@ -16,6 +16,7 @@ pub mod paper_units;
 pub mod pipeline;
 pub mod plot;
 pub mod reach;
+pub mod report;
 pub mod residual;
 pub mod run_files;
 pub mod sim;

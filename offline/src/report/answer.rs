@@ -1,0 +1,137 @@
+//! The answer first: verdict, error before and after, parameters, reasons for caution.
+
+use super::ReportInput;
+use super::page::{parameter_title, unit, with_error};
+use crate::demo::RopeSpec;
+use crate::diagnose::Verdict;
+use crate::fit::estimates;
+use crate::model::{Estimate, Structure};
+use crate::paper_units::young_paper;
+use crate::residual::ResidualSummary;
+use maud::{Markup, html};
+use std::f64::consts::FRAC_PI_4;
+
+pub(super) fn section(input: &ReportInput) -> Markup {
+    let outcome = input.outcome;
+    let base = estimates(&outcome.base.best, &Structure::default());
+    let found = estimates(&outcome.fitted.best, &outcome.structure);
+    let before = ResidualSummary::of(&outcome.held_out_before);
+    let after = ResidualSummary::of(&outcome.held_out_after);
+    let density = input.demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
+    html! {
+        div class=(format!("answer {}", tone(&outcome.verdict))) {
+            p.verdict { (outcome.verdict.to_string()) }
+            p { (error_line(&before, &after)) }
+            p { (rope_line(&found)) }
+        }
+        h3 { "Parameters" }
+        (parameters(&base, &found, density))
+        h3 { "Reasons for caution" }
+        @if outcome.reasons.is_empty() {
+            p { "None." }
+        } @else {
+            ul { @for reason in &outcome.reasons { li { (reason.to_string()) } } }
+        }
+    }
+}
+
+fn tone(verdict: &Verdict) -> &'static str {
+    match verdict {
+        Verdict::NothingMissing | Verdict::Explained { .. } => "good",
+        Verdict::Confounded { .. } => "warn",
+        Verdict::Unexplained { .. } => "bad",
+    }
+}
+
+/// Held-out error before and after.
+pub(super) fn error_line(before: &ResidualSummary, after: &ResidualSummary) -> Markup {
+    let change = 100.0 * (1.0 - after.rms_mm / before.rms_mm);
+    let said = if change.abs() < 0.5 {
+        "unchanged".to_owned()
+    } else if change > 0.0 {
+        format!("{change:.0} % less")
+    } else {
+        format!("{:.0} % more", -change)
+    };
+    html! {
+        "Held-out error: " b { (format!("{:.2} → {:.2} mm", before.rms_mm, after.rms_mm)) }
+        (format!(
+            ", or {:.1} → {:.1} noise floors of {:.2} mm ({said}).",
+            before.floors, after.floors, after.floor_mm
+        ))
+    }
+}
+
+fn rope_line(found: &[Estimate]) -> Markup {
+    html! {
+        "Rope: "
+        @for (index, estimate) in found.iter().take(2).enumerate() {
+            @if index > 0 { ", " }
+            @if estimate.identified {
+                (parameter_title(&estimate.name)) " = " b { (value(estimate)) }
+            } @else {
+                (parameter_title(&estimate.name)) " not identified"
+            }
+        }
+        "."
+    }
+}
+
+fn density_kg_m3(rope: &RopeSpec) -> f64 {
+    rope.mass_kg / (rope.length_m * FRAC_PI_4 * rope.diameter_m.powi(2))
+}
+
+/// Value, standard error and unit; moduli in MPa.
+fn value(estimate: &Estimate) -> String {
+    let (scale, unit) = if estimate.unit == "Pa" {
+        (1e-6, "MPa")
+    } else {
+        (1.0, unit(&estimate.unit))
+    };
+    format!(
+        "{} {unit}",
+        with_error(scale * estimate.value, scale * estimate.standard_error)
+    )
+    .trim_end()
+    .to_owned()
+}
+
+fn cell(estimate: Option<&Estimate>) -> Markup {
+    html! {
+        @match estimate {
+            None => span.quiet { "—" },
+            Some(estimate) if !estimate.identified => {
+                "not identified" br; span.quiet { "(" (value(estimate)) ")" }
+            },
+            Some(estimate) => (value(estimate)),
+        }
+    }
+}
+
+pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: Option<f64>) -> Markup {
+    let paper = |estimate: &Estimate| {
+        let density = density_kg_m3.filter(|_| estimate.unit == "Pa" && estimate.identified)?;
+        Some(with_error(
+            young_paper(estimate.value, density),
+            young_paper(estimate.standard_error, density),
+        ))
+    };
+    html! {
+        table {
+            tr { th { "parameter" } th { "base model" } th { "final model" } th { "final, paper’s units" } }
+            @for estimate in found {
+                tr {
+                    td { (parameter_title(&estimate.name)) }
+                    td { (cell(base.iter().find(|one| one.name == estimate.name))) }
+                    td { (cell(Some(estimate))) }
+                    td { @match paper(estimate) { Some(text) => (text), None => span.quiet { "—" } } }
+                }
+            }
+        }
+        p.quiet {
+            "± is one standard error, with the correlation of the residual taken into account; errors of the "
+            "model or of the grid are not in it. A parameter is not identified where the data say little "
+            "beyond its prior; the value in brackets is then mostly the prior’s."
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! One self-contained HTML page with everything that a run found: no script, no network.
+
+mod answer;
+mod maps;
+mod overlay;
+mod page;
+mod policy;
+mod ranking;
+mod residuals;
+mod view;
+
+pub use view::{DemoView, views};
+
+use crate::collect::DatasetSummary;
+use crate::demo::Demo;
+use crate::diagnose::Outcome;
+use crate::evaluate::Evaluation;
+use crate::inspect::BlobReport;
+use crate::trained::TrainingRecord;
+use maud::html as markup;
+
+/// What a report shows.
+pub struct ReportInput<'a> {
+    /// Title of the page.
+    pub title: &'a str,
+    /// Demonstrations that were fitted.
+    pub demos: &'a [&'a Demo],
+    /// Demonstrations that were held out.
+    pub held_out: &'a [&'a Demo],
+    /// What the loop found.
+    pub outcome: &'a Outcome,
+    /// The base model on every demonstration, fitted ones first.
+    pub before: &'a [DemoView],
+    /// The final model on the same demonstrations in the same order.
+    pub after: &'a [DemoView],
+    /// The policy, where one was trained and evaluated.
+    pub policy: Option<PolicySection<'a>>,
+    /// Command, seed, version, wall time and the like, in the order in which they are shown.
+    pub provenance: &'a [(String, String)],
+}
+
+/// What a report shows of a policy.
+pub struct PolicySection<'a> {
+    /// Swings of its answers.
+    pub evaluation: &'a Evaluation,
+    /// How its training went.
+    pub record: &'a TrainingRecord,
+    /// What it was trained on.
+    pub dataset: &'a DatasetSummary,
+    /// The frozen file, where there is one.
+    pub blob: Option<&'a BlobReport>,
+}
+
+/// The report as the text of an HTML file.
+pub fn html(input: &ReportInput) -> String {
+    let body = markup! {
+        (answer::section(input))
+        (overlay::section(input))
+        (residuals::section(input))
+        (ranking::section(&input.outcome.rounds))
+        (policy::section(input.policy.as_ref()))
+        (page::provenance(input))
+    };
+    page::page(input.title, &body)
+}
+
+#[cfg(test)]
+mod tests;

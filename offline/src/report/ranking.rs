@@ -1,0 +1,188 @@
+//! How the effects of the library ranked in each round, what the refits said, what was ruled out.
+
+use super::page::{effect_title, significant, unit, with_error, without_unit};
+use crate::diagnose::{Refit, Round, Score};
+use crate::effects::{self, ParameterSpec};
+use maud::{Markup, html};
+
+pub(super) fn section(rounds: &[Round]) -> Markup {
+    html! {
+        h2 { "Which physics is missing" }
+        @if rounds.is_empty() {
+            p { "No effect was scored: the base model leaves nothing but noise." }
+        }
+        @for (index, round) in rounds.iter().enumerate() {
+            h3 { (format!("Round {}: {}", index + 1, known(round))) }
+            (ranking(round))
+            (refits(round))
+        }
+        @if !rounds.is_empty() {
+            h3 { "Not accepted, and why" }
+            ul { @for (id, why) in not_accepted(rounds) { li { b { (effect_title(&id)) } ": " (why) } } }
+        }
+    }
+}
+
+/// Every effect that no round accepted, with the reason: the last round in which it was refitted and
+/// passed counts most, because later rounds hold what it ties with.
+pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
+    let Some(last) = rounds.last() else {
+        return Vec::new();
+    };
+    let open = last.table.scores.iter().filter(|s| !is_accepted(last, &s.id));
+    open.map(|score| {
+        let passed = |round: &Round| refit(round, &score.id).is_some_and(|refit| refit.passed);
+        let (number, round) = match rounds.iter().enumerate().rfind(|(_, round)| passed(round)) {
+            Some(found) => found,
+            None => (rounds.len() - 1, last),
+        };
+        let own = round.table.scores.iter().find(|one| one.id == score.id);
+        let why = reason(round, own.unwrap_or(score));
+        (score.id.clone(), format!("in round {}, {why}", number + 1))
+    })
+    .collect()
+}
+
+fn known(round: &Round) -> String {
+    if round.known.is_empty() {
+        return "effects on top of the base model".to_owned();
+    }
+    let known: Vec<&str> = round.known.iter().map(|id| effect_title(id)).collect();
+    format!("effects on top of {}", known.join(" and "))
+}
+
+fn is_accepted(round: &Round, id: &str) -> bool {
+    round.accepted.as_deref() == Some(id)
+}
+
+fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
+    round.refits.iter().find(|refit| refit.id == id)
+}
+
+fn ranking(round: &Round) -> Markup {
+    let threshold = round.table.threshold;
+    html! {
+        div.scroll { table {
+            tr {
+                th { "effect" } th.n { "score" } th.n { "threshold" } th { "one-step estimate" }
+                th.n { "absorbed" } th { "nearest rival (cosine)" } th { "outcome" }
+            }
+            @for score in &round.table.scores {
+                tr.best[is_accepted(round, &score.id)] {
+                    td { (effect_title(&score.id)) }
+                    td.n { @if score.statistic > threshold { b { (tidy(score.statistic)) } } @else { (tidy(score.statistic)) } }
+                    td.n { (tidy(threshold)) }
+                    td { (one_step(score)) }
+                    td.n { (format!("{:.0} %", 100.0 * score.absorbed_share)) }
+                    td { @match &score.nearest_rival {
+                        Some(rival) => (format!("{} ({:+.2})", effect_title(rival), score.rival_cosine)),
+                        None => span.quiet { "none" },
+                    } }
+                    td { (brief(round, score)) }
+                }
+            }
+        } }
+        p.quiet {
+            "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "
+            "order. Threshold: what the best score reaches in 95 % of pseudo-data that hold noise and the error "
+            "of the grid (" (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect. Absorbed: share of "
+            "the effect’s trace that the model’s parameters and a shifted camera can imitate."
+        }
+    }
+}
+
+fn tidy(score: f64) -> String {
+    if score < 99.5 {
+        significant(score)
+    } else {
+        format!("{score:.0}")
+    }
+}
+
+fn one_step(score: &Score) -> Markup {
+    let specs: &[ParameterSpec] =
+        effects::find(&score.id).map_or(&[], |index| effects::ALL[index].parameters);
+    let values = score.estimate.iter().zip(&score.standard_error);
+    html! {
+        @for (spec, (estimate, error)) in specs.iter().zip(values) {
+            div {
+                span.quiet { (without_unit(spec.name)) } " "
+                @if error.is_finite() && (*estimate != 0.0 || *error > 0.0) {
+                    (with_error(spec.vanishes_at + estimate, *error)) " " (unit(spec.unit))
+                } @else {
+                    "held at " (significant(spec.vanishes_at))
+                }
+            }
+        }
+    }
+}
+
+/// What became of an effect, in a word.
+fn brief(round: &Round, score: &Score) -> Markup {
+    html! {
+        @match refit(round, &score.id) {
+            _ if is_accepted(round, &score.id) => span.yes.nowrap { "accepted" },
+            Some(refit) if refit.passed => span.nowrap { "passed, second" },
+            Some(_) => span.no.nowrap { "refit failed" },
+            None if score.statistic > round.table.threshold => "not refitted",
+            None => span.quiet.nowrap { "below threshold" },
+        }
+    }
+}
+
+/// Why an effect was not accepted.
+pub(super) fn reason(round: &Round, score: &Score) -> String {
+    let threshold = round.table.threshold;
+    match refit(round, &score.id) {
+        Some(refit) if refit.passed => {
+            "it passes every gate, so it is not ruled out: the accepted effect only predicts the held-out data better"
+                .to_owned()
+        }
+        Some(refit) => {
+            let failed = refit.gates.iter().filter(|gate| !gate.passed);
+            let failed: Vec<String> = failed.map(|g| format!("{} ({})", g.name, g.detail)).collect();
+            format!("refitted, fails at: {}", failed.join("; "))
+        }
+        None if score.statistic > threshold => format!(
+            "not ruled out: its score {} is above the threshold, but others were refitted first or the refit stopped",
+            tidy(score.statistic)
+        ),
+        None => format!(
+            "score {}, below the {} that data without any effect reach",
+            tidy(score.statistic),
+            tidy(threshold)
+        ),
+    }
+}
+
+fn refits(round: &Round) -> Markup {
+    html! {
+        @if round.refits.is_empty() {
+            p { "No effect was refitted: none is significant." }
+        }
+        @for refit in &round.refits {
+            p {
+                "Refitted with " b { (effect_title(&refit.id)) }
+                @for p in &refit.parameters {
+                    ", " (without_unit(p.name.split_once('.').map_or(p.name.as_str(), |(_, name)| name)))
+                    " = " (with_error(p.value, p.standard_error)) " " (unit(&p.unit))
+                    @if !p.identified { " (not identified)" }
+                }
+                (format!(
+                    ": {:.2} mm where fitted, {:.2} mm where held out.",
+                    refit.fit.rms_mm, refit.held_out.rms_mm
+                ))
+            }
+            table {
+                tr { th { "gate" } th {} th { "figures" } }
+                @for gate in &refit.gates {
+                    tr {
+                        td { (gate.name) }
+                        td { @if gate.passed { span.yes { "✓" } } @else { span.no { "✗" } } }
+                        td { (gate.detail) }
+                    }
+                }
+            }
+        }
+    }
+}

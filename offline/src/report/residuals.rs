@@ -1,0 +1,90 @@
+//! What each model leaves unexplained: maps over arc length and time, and curves over time.
+
+use super::maps::{Scale, pair};
+use super::page::{BASE, FINAL, NOISE, figure_svg, key};
+use super::{DemoView, ReportInput};
+use crate::plot::{Mark, Panel, Series};
+use maud::{Markup, html};
+
+/// Most fitted demonstrations whose maps are shown.
+const MAX_MAPS: usize = 3;
+/// Size of a panel of curves, pixels.
+const CURVE_PX: (u32, u32) = (530, 260);
+
+pub(super) fn section(input: &ReportInput) -> Markup {
+    let pairs: Vec<(&DemoView, &DemoView)> = input.before.iter().zip(input.after).collect();
+    let mapped = mapped(&pairs);
+    let scale = Scale::over(mapped.iter().flat_map(|(before, after)| [*before, *after]));
+    html! {
+        h2 { "What the models leave unexplained" }
+        p {
+            "Distance between the measured and the simulated axis of the rope, across the rope. All maps have "
+            "the same colour scale, which ends at the 99th percentile; grey is where nothing was seen."
+        }
+        @for (before, after) in &mapped {
+            figure { figcaption { b { (after.name) } (role(after)) } (pair(before, after, scale)) }
+        }
+        h3 { "Error over time" }
+        p {
+            "Root mean square per direction over the rope." br;
+            (key(BASE, "base model")) (key(FINAL, "final model")) (key(NOISE, "noise floor"))
+        }
+        figure.grid.two { @for panel in curves(&pairs) { (figure_svg(&panel)) } }
+        @if input.held_out.is_empty() {
+            p.quiet { "No demonstration was held out: the last part of each was." }
+        }
+    }
+}
+
+fn role(view: &DemoView) -> &'static str {
+    if view.held_out { " (held out)" } else { " (fitted)" }
+}
+
+/// The first fitted demonstrations, and the held-out one that the final model predicts worst.
+fn mapped<'a>(pairs: &[(&'a DemoView, &'a DemoView)]) -> Vec<(&'a DemoView, &'a DemoView)> {
+    let fitted = pairs.iter().filter(|(_, after)| !after.held_out).take(MAX_MAPS);
+    let square = |view: &DemoView| {
+        let seen: Vec<f64> = view.rms_mm.iter().flatten().map(|mm| mm * mm).collect();
+        seen.iter().sum::<f64>() / seen.len().max(1) as f64
+    };
+    let held_out = pairs
+        .iter()
+        .filter(|(_, after)| after.held_out)
+        .max_by(|a, b| square(a.1).total_cmp(&square(b.1)));
+    fitted.chain(held_out).copied().collect()
+}
+
+fn curves(pairs: &[(&DemoView, &DemoView)]) -> Vec<Panel> {
+    let shown = pairs.iter().flat_map(|(before, after)| [before, after]);
+    let highest = shown
+        .flat_map(|view| view.rms_mm.iter().flatten())
+        .fold(0.1, |high: f64, &mm| high.max(mm));
+    pairs
+        .iter()
+        .map(|(before, after)| Panel {
+            title: format!("{}{}", after.name, role(after)),
+            x_label: "time [s]".to_owned(),
+            y_label: "error [mm]".to_owned(),
+            x: after.times_s.first().copied().unwrap_or(0.0)
+                ..after.times_s.last().copied().unwrap_or(0.0).max(1e-3),
+            y: 0.0..1.05 * highest,
+            equal_scale: false,
+            size_px: CURVE_PX,
+            series: vec![
+                curve(NOISE, 2, &after.times_s, &after.floor_mm),
+                curve(BASE, 2, &before.times_s, &before.rms_mm),
+                curve(FINAL, 2, &after.times_s, &after.rms_mm),
+            ],
+        })
+        .collect()
+}
+
+fn curve(colour: crate::plot::Colour, width: u32, times_s: &[f64], values: &[Option<f64>]) -> Series {
+    let points = times_s.iter().zip(values);
+    Series {
+        label: String::new(),
+        colour,
+        mark: Mark::Line(width),
+        points: points.filter_map(|(&t, mm)| mm.map(|mm| [t, mm])).collect(),
+    }
+}

@@ -1,0 +1,274 @@
+//! The page is self-contained, its scales compare like with like, and it escapes what it is given.
+
+use super::maps::{Scale, pair};
+use super::*;
+use crate::demo::CloudFrame;
+use crate::demo::Observations;
+use crate::diagnose::{Gate, Refit, Round, Score, ScoreTable, Verdict};
+use crate::effects;
+use crate::fit::{self, Correlation, FitResult, StopReason};
+use crate::model::Structure;
+use crate::observe::Row;
+use crate::residual::{ResidualMap, ResidualSummary};
+use nalgebra::DMatrix;
+use std::path::Path;
+
+const FRAMES: usize = 5;
+const STATIONS: usize = 4;
+
+fn shipped() -> Demo {
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+    let mut demo = Demo::load(dir).expect("the shipped demo loads");
+    demo.name = "lift <1> & more".to_owned();
+    demo.observations = Observations::Clouds(
+        (0..FRAMES)
+            .map(|k| CloudFrame {
+                t_s: 0.1 * k as f64,
+                points_m: (0..5000).map(|i| [5e-5 * f64::from(i), 0.0, 0.02]).collect(),
+            })
+            .collect(),
+    );
+    demo
+}
+
+/// An evaluation whose every offset is `offset_m`.
+fn evaluation(structure: &Structure, offset_m: f64) -> fit::Evaluation {
+    let theta = structure.start(7e5);
+    let row = |i: usize| Row {
+        frame: i / STATIONS,
+        station: i % STATIONS,
+        arc_m: 0.05 * (i % STATIONS) as f64,
+        position_m: [0.0; 3],
+        direction: [0.0, 0.0, 1.0],
+        offset_m,
+        sigma_m: 1e-3,
+    };
+    let rows: Vec<Row> = (0..FRAMES * STATIONS).map(row).collect();
+    let jacobian = DMatrix::from_fn(rows.len(), theta.len(), |i, k| {
+        if k == 1 {
+            0.0
+        } else {
+            0.1 * ((i * (k + 3)) % 7) as f64
+        }
+    });
+    fit::Evaluation {
+        theta,
+        rows: vec![rows],
+        jacobian,
+    }
+}
+
+fn fitted(structure: &Structure, offset_m: f64) -> FitResult {
+    FitResult {
+        best: evaluation(structure, offset_m),
+        cost: 1.0,
+        stop: StopReason::Converged,
+        evaluations: 1,
+        ends: Vec::new(),
+    }
+}
+
+fn view(held_out: bool, mm: f64) -> DemoView {
+    let times_s: Vec<f64> = (0..FRAMES).map(|k| 0.1 * k as f64).collect();
+    let line = |k: usize| {
+        (0..20)
+            .map(|s| [0.0125 * s as f64, 0.0, 0.01 * k as f64])
+            .collect()
+    };
+    DemoView {
+        name: "lift <1> & more".to_owned(),
+        held_out,
+        arcs_m: (0..20).map(|s| 0.0125 * f64::from(s)).collect(),
+        centrelines_m: (0..FRAMES).map(line).collect(),
+        residual: ResidualMap {
+            demo: String::new(),
+            times_s: times_s.clone(),
+            arcs_m: (0..STATIONS).map(|s| 0.05 * s as f64).collect(),
+            offsets_mm: vec![vec![Some([0.0, 0.0, mm]), None, Some([mm, 0.0, 0.0]), None]; FRAMES],
+        },
+        rms_mm: vec![Some(mm); FRAMES],
+        floor_mm: vec![Some(1.0); FRAMES],
+        times_s,
+    }
+}
+
+fn score(id: &str, statistic: f64) -> Score {
+    let effect = effects::find(id).expect("in the registry");
+    let count = effects::ALL[effect].parameters.len();
+    Score {
+        effect,
+        id: id.to_owned(),
+        statistic,
+        estimate: vec![0.5; count],
+        standard_error: vec![0.1; count],
+        absorbed_share: 0.25,
+        nearest_rival: Some("air_drag".to_owned()),
+        rival_cosine: -0.5,
+    }
+}
+
+fn round() -> Round {
+    let summary = ResidualSummary {
+        rms_mm: 2.0,
+        floor_mm: 1.0,
+        floors: 2.0,
+        rows: 20,
+        effective_rows: 10.0,
+        correlation: Correlation::of(&evaluation(&Structure::default(), 2e-3)),
+    };
+    Round {
+        known: Vec::new(),
+        table: ScoreTable {
+            scores: vec![
+                score("tip_mass", 900.0),
+                score("air_drag", 100.0),
+                score("gripper_lag", 3.0),
+            ],
+            threshold: 50.0,
+            discretisation_mm: 0.4,
+        },
+        refits: vec![Refit {
+            effect: 0,
+            id: "tip_mass".to_owned(),
+            parameters: Vec::new(),
+            fit: summary.clone(),
+            held_out: summary,
+            gates: vec![Gate {
+                name: "held-out gain".to_owned(),
+                passed: false,
+                detail: "1 % less".to_owned(),
+            }],
+            passed: false,
+        }],
+        accepted: None,
+    }
+}
+
+fn outcome() -> Outcome {
+    let structure = Structure::default().with(effects::find("tip_mass").expect("in the registry"));
+    Outcome {
+        fitted: fitted(&structure, 1.1e-3),
+        base: fitted(&Structure::default(), 3e-3),
+        held_out_before: evaluation(&Structure::default(), 4e-3),
+        held_out_after: evaluation(&structure, 1.5e-3),
+        structure,
+        rounds: vec![round()],
+        verdict: Verdict::Unexplained {
+            hint: "<script>alert('x')</script>".to_owned(),
+        },
+        reasons: Vec::new(),
+        noise_scale: None,
+    }
+}
+
+fn report() -> String {
+    let demo = shipped();
+    html(&ReportInput {
+        title: "Rope <7>",
+        demos: &[&demo],
+        held_out: &[&demo],
+        outcome: &outcome(),
+        before: &[view(false, 4.0), view(true, 8.0)],
+        after: &[view(false, 2.0), view(true, 1.0)],
+        policy: None,
+        provenance: &[("command".to_owned(), "offline report".to_owned())],
+    })
+}
+
+#[test]
+fn the_page_needs_nothing_and_runs_nothing() {
+    let page = report();
+    for absent in ["<script", "http", "href=", "src=", "url(", "NaN"] {
+        assert!(!page.contains(absent), "the page contains {absent}");
+    }
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+}
+
+#[test]
+fn what_is_given_is_escaped() {
+    let page = report();
+    assert!(page.contains("unexplained: &lt;script&gt;alert('x')&lt;/script&gt;"));
+    assert!(page.contains("Rope &lt;7&gt;") && page.contains("lift &lt;1&gt; &amp; more"));
+}
+
+#[test]
+fn the_answer_comes_first_in_mm_and_in_floors() {
+    let page = report();
+    assert!(
+        page.contains("4.00 → 1.50 mm") && page.contains("4.0 → 1.5 noise floors of 1.00 mm (62 % less)")
+    );
+    assert!(page.contains("Poisson’s ratio ν not identified"));
+    let place = |text: &str| page.find(text).unwrap_or_else(|| panic!("no {text}"));
+    let order = [
+        "unexplained:",
+        "Measured and simulated rope",
+        "What the models leave unexplained",
+        "Which physics is missing",
+        "<h2>Policy",
+        "<h2>Provenance",
+    ];
+    assert!(order.map(place).is_sorted());
+}
+
+#[test]
+fn maps_before_and_after_share_one_colour_scale() {
+    let (before, after) = (view(false, 8.0), view(false, 1.0));
+    let scale = Scale::over([&before, &after].into_iter());
+    assert_eq!(scale, Scale::over([&after, &before].into_iter()));
+    assert_eq!(scale.end_mm, 8.0);
+    let fills = |markup: maud::Markup| -> Vec<String> {
+        let text = markup.into_string();
+        text.split("<path fill=\"")
+            .skip(1)
+            .map(|part| part[..7].to_owned())
+            .collect()
+    };
+    let both = fills(pair(&before, &after, scale));
+    assert_eq!(both.len(), 2, "one colour in each map");
+    assert_ne!(both[0], both[1]);
+    assert_eq!(both[1], fills(pair(&after, &after, scale))[0]);
+}
+
+#[test]
+fn every_effect_that_was_not_accepted_has_a_reason() {
+    let round = round();
+    let reasons: Vec<String> = round
+        .table
+        .scores
+        .iter()
+        .map(|score| ranking::reason(&round, score))
+        .collect();
+    assert_eq!(reasons[0], "refitted, fails at: held-out gain (1 % less)");
+    assert!(reasons[1].starts_with("not ruled out"), "{}", reasons[1]);
+    let mut passed = round.clone();
+    passed.refits[0].passed = true;
+    let open = ranking::not_accepted(&[passed, round.clone()]);
+    assert_eq!(open.len(), 3);
+    assert!(
+        open[0].1.starts_with("in round 1, it passes every gate"),
+        "{}",
+        open[0].1
+    );
+    assert_eq!(
+        reasons[2],
+        "score 3.00, below the 50.0 that data without any effect reach"
+    );
+}
+
+#[test]
+fn clouds_are_thinned_evenly_and_frames_hold_the_ends() {
+    let seen = overlay::measured(&shipped(), 0.1, 100);
+    assert_eq!(seen.len(), 100);
+    assert!(seen[0][0] < 0.01 && seen[99][0] > 0.24);
+    assert_eq!(overlay::frames_shown(95), [0, 19, 38, 56, 75, 94]);
+    assert_eq!(overlay::frames_shown(2), [0, 1]);
+    assert!(overlay::frames_shown(0).is_empty());
+}
+
+#[test]
+fn numbers_show_the_digits_that_their_error_allows() {
+    assert_eq!(page::with_error(0.73146, 0.0042), "0.7315 ± 0.0042");
+    assert_eq!(page::with_error(731.46, 42.0), "731 ± 42");
+    assert_eq!(page::with_error(0.73146, f64::INFINITY), "0.731 ± unknown");
+    assert_eq!(page::parameter_title("tip_mass.mass_kg"), "tip mass: mass");
+}
