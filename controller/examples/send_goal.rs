@@ -1,6 +1,6 @@
 //! Sends one goal to a running controller and prints what becomes of it.
 //!
-//! `cargo run --release -p controller --example send_goal -- --x 0.33`
+//! `cargo run --release -p controller --example send_goal -- --x 0.40`
 
 use anyhow::{Result, bail};
 use clap::Parser;

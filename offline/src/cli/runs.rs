@@ -4,11 +4,14 @@ use super::RunArguments;
 use super::progress::Reporter;
 use anyhow::Context;
 use offline::collect::Watch;
-use offline::fit::estimates;
-use offline::model::Estimate;
+use offline::demo::Demo;
+use offline::fit::{Problem, estimates};
+use offline::inspect::inspect;
+use offline::model::{Estimate, Structure};
 use offline::pipeline::{
     Identified, Inputs, Learned, RunSettings, Stage, Summary, freeze_policy, identify, learn,
 };
+use offline::report::{PolicySection, ReportInput, html, views};
 use offline::residual::ResidualSummary;
 use offline::run_files::{RunFolder, write_whole};
 use std::path::{Path, PathBuf};
@@ -47,6 +50,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
     say_identified(&identified, &reporter);
     let mut summary = summary_of(&identified, &run);
+    let mut learned_policy = None;
     if last > Stage::Diagnose {
         let watch = Watch {
             progress: &|p| reporter.advance(p),
@@ -63,9 +67,90 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
             ));
             summary.blob = Some(run.blob().display().to_string());
         }
+        learned_policy = Some(learned);
+    }
+    if last == Stage::Report {
+        reporter.say("drawing the report");
+        let provenance = provenance(arguments, &settings, &reporter);
+        let page = report(
+            &inputs,
+            &settings,
+            &identified,
+            learned_policy.as_ref(),
+            &run,
+            &provenance,
+        )?;
+        write_whole(&run.report(), page.as_bytes())?;
+        summary.report = Some(run.report().display().to_string());
     }
     summary.wall_s = reporter.elapsed_s();
     finish(&summary, arguments, &settings, &run, json)
+}
+
+/// The page of a run.
+fn report(
+    inputs: &Inputs,
+    settings: &RunSettings,
+    identified: &Identified,
+    learned: Option<&Learned>,
+    run: &RunFolder,
+    provenance: &[(String, String)],
+) -> anyhow::Result<String> {
+    let demos: Vec<&Demo> = inputs.demos.iter().collect();
+    let held_out: Vec<&Demo> = inputs.held_out.iter().collect();
+    let outcome = &identified.outcome;
+    let mut before = Vec::new();
+    let mut after = Vec::new();
+    for (members, judges) in [(&demos, false), (&held_out, true)] {
+        let mut problem = Problem::new(members, settings.resolution())?;
+        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        before.extend(views(
+            &problem,
+            &Structure::default(),
+            &outcome.base.best.theta,
+            judges,
+        )?);
+        after.extend(views(
+            &problem,
+            &outcome.structure,
+            &outcome.fitted.best.theta,
+            judges,
+        )?);
+    }
+    let blob = run.blob().exists().then(|| inspect(&run.blob())).transpose()?;
+    Ok(html(&ReportInput {
+        title: &inputs.name,
+        demos: &demos,
+        held_out: &held_out,
+        outcome,
+        before: &before,
+        after: &after,
+        policy: learned.map(|l| PolicySection {
+            evaluation: &l.evaluation,
+            record: &l.trained.record,
+            dataset: &l.trained.dataset,
+            blob: blob.as_ref(),
+        }),
+        provenance,
+    }))
+}
+
+fn provenance(
+    arguments: &RunArguments,
+    settings: &RunSettings,
+    reporter: &Reporter,
+) -> Vec<(String, String)> {
+    [
+        ("command", std::env::args().collect::<Vec<_>>().join(" ")),
+        ("program", concat!("offline ", env!("CARGO_PKG_VERSION")).into()),
+        ("seed", arguments.seed.to_string()),
+        ("cells across the rope", format!("{:.2}", settings.cells)),
+        ("random rollouts", settings.rollouts.to_string()),
+        ("threads", rayon::current_num_threads().to_string()),
+        ("wall time so far", format!("{:.0} s", reporter.elapsed_s())),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .to_vec()
 }
 
 /// Ctrl-C lets running rollouts end and their shard be written; the second one leaves at once.

@@ -532,9 +532,11 @@ fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Ve
         .map(|&e| effects::ALL[e].id.to_owned())
         .collect();
     if !rivals.is_empty() {
-        effects_found.extend(rivals.iter().cloned());
+        // Earlier effects stand; only the last one has rivals.
+        let mut alike = effects_found.split_off(effects_found.len() - 1);
+        alike.extend(rivals.iter().cloned());
         return Verdict::Confounded {
-            effects: effects_found,
+            effects: alike,
             separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
                                        rope gripped at its other end, changes their ratio"
                 .into(),

@@ -220,19 +220,21 @@ impl Block {
         }
         let right = trace.tr_mul(residual);
         let mut free: Vec<usize> = (0..n).collect();
+        // A parameter that is held later keeps the error which it has when nothing is held.
+        let error: Vec<f64> = match hessian.clone().cholesky() {
+            Some(factor) => (0..n).map(|k| factor.inverse()[(k, k)].sqrt()).collect(),
+            None => self.precision.iter().map(|p| p.powf(-0.5)).collect(),
+        };
         loop {
             let mut estimate = vec![0.0; n];
-            let mut error = vec![f64::INFINITY; n];
             let a = hessian.select_rows(&free).select_columns(&free);
             let b = right.select_rows(&free);
             let Some(factor) = a.cholesky() else {
                 return (0.0, estimate, error);
             };
             let solution = factor.solve(&b);
-            let inverse = factor.inverse();
             for (i, &k) in free.iter().enumerate() {
                 estimate[k] = solution[i];
-                error[k] = inverse[(i, i)].sqrt();
             }
             let wrong = free.iter().position(|&k| {
                 (self.low[k] >= 0.0 && estimate[k] < 0.0) || (self.high[k] <= 0.0 && estimate[k] > 0.0)
