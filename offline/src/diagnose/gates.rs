@@ -49,17 +49,6 @@ pub(super) fn statistical_gates(
     let held_size = (square(held_before) - square(&refit.held_out)).max(0.0).sqrt();
     let removed = excess_removed(fit_before, &refit.fit);
     let held_removed = excess_removed(held_before, &refit.held_out);
-    // A parameter may stay where it vanishes: another parameter then carries the effect.
-    let inside = spec
-        .parameters
-        .iter()
-        .zip(&refit.parameters)
-        .all(|(p, e)| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at);
-    let sized = spec
-        .parameters
-        .iter()
-        .zip(&refit.parameters)
-        .any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
     vec![
         Gate::new(
             "significant",
@@ -87,23 +76,7 @@ pub(super) fn statistical_gates(
                 held_before.floor_mm
             ),
         ),
-        Gate::new(
-            "physical value",
-            inside && sized,
-            format!(
-                "{}, {}",
-                if inside {
-                    "inside its physical range"
-                } else {
-                    "at or beyond its physical range"
-                },
-                if sized {
-                    "more than two standard errors from nothing"
-                } else {
-                    "within two standard errors of nothing"
-                }
-            ),
-        ),
+        physical_value(spec, refit),
         Gate::new(
             "explained share",
             removed.min(held_removed) >= options.smallest_share,
@@ -114,6 +87,38 @@ pub(super) fn statistical_gates(
             ),
         ),
     ]
+}
+
+/// The value must lie inside its physical range and differ from nothing.
+fn physical_value(spec: &effects::EffectSpec, refit: &Refit) -> Gate {
+    // A parameter may stay where it vanishes: another parameter then carries the effect.
+    let inside = spec
+        .parameters
+        .iter()
+        .zip(&refit.parameters)
+        .all(|(p, e)| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at);
+    let sized = spec
+        .parameters
+        .iter()
+        .zip(&refit.parameters)
+        .any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
+    Gate::new(
+        "physical value",
+        inside && sized,
+        format!(
+            "{}, {}",
+            if inside {
+                "inside its physical range"
+            } else {
+                "at or beyond its physical range"
+            },
+            if sized {
+                "more than two standard errors from nothing"
+            } else {
+                "within two standard errors of nothing"
+            }
+        ),
+    )
 }
 
 /// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it.

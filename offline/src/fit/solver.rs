@@ -19,7 +19,7 @@ pub struct FitOptions {
 }
 
 impl Default for FitOptions {
-    /// Seven starts over the paper's range and a decade beyond, the best two followed.
+    /// Six starts over the paper's range and a decade beyond, the best two followed.
     fn default() -> Self {
         Self {
             starts_pa: vec![0.1e6, 0.25e6, 0.6e6, 1.2e6, 2.4e6, 4.8e6],

@@ -90,9 +90,19 @@ pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64
 /// Share of the prior's standard deviation above which a parameter counts as not identified.
 const IDENTIFIED_SHARE: f64 = 0.5;
 
-/// θ with standard errors, E in Pa.
+/// Root mean square by which a change of parameter `k` moves the measured offsets, m.
+fn moves_m(evaluation: &Evaluation, k: usize, change: f64) -> f64 {
+    evaluation.jacobian.column(k).norm() * change / (evaluation.len() as f64).sqrt()
+}
+
+/// θ with standard errors, E in Pa. A parameter counts as identified when its error is small against
+/// its prior, it is not at a bound, and a change of half its prior moves the rope by more than the
+/// model leaves unexplained: else that rest could pass for a value of it.
 pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate> {
     let covariance = covariance(evaluation, structure);
+    let unexplained_m = (evaluation.rms_m().powi(2) - evaluation.floor_m().powi(2))
+        .max(0.0)
+        .sqrt();
     structure
         .parameters()
         .into_iter()
@@ -111,7 +121,9 @@ pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate
                 unit: info.unit.into(),
                 value,
                 standard_error,
-                identified: se < IDENTIFIED_SHARE * info.prior_sd && !(k == 1 && at_bound),
+                identified: se < IDENTIFIED_SHARE * info.prior_sd
+                    && !at_bound
+                    && moves_m(evaluation, k, IDENTIFIED_SHARE * info.prior_sd) > unexplained_m,
             }
         })
         .collect()

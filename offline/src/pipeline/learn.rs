@@ -9,7 +9,7 @@ use crate::model::Estimate;
 use crate::model_file::ModelFile;
 use crate::run_files::{RunFolder, write_whole};
 use crate::swing::SimulatedSwing;
-use crate::train::{TrainSettings, train};
+use crate::train::{Schedule, TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
 use shared::arm::DEFAULT_TASK_FRAME;
@@ -96,6 +96,16 @@ pub fn learn(
         Preset::Quick => TrainSettings {
             rounds: 1,
             answers: 32,
+            // In 1500 steps the forward model learnt 192 rollouts by heart: 0.2 mm on them, 8.2 mm on
+            // those held back. In 300 it is 3.2 and 6.5 mm.
+            forward: Schedule {
+                steps: 300,
+                ..TrainSettings::QUICK.forward
+            },
+            round_forward: Schedule {
+                steps: 150,
+                ..TrainSettings::QUICK.round_forward
+            },
             ..TrainSettings::QUICK
         },
         Preset::Paper => TrainSettings::PAPER,
