@@ -1,5 +1,6 @@
 //! The swing task in the simulator: the quick settled approach against the robot's true motion.
 
+use offline::effects;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::Scene;
 use offline::sim::{Physics, simulate};
@@ -23,11 +24,9 @@ fn rope(length_m: f64, diameter_m: f64) -> RopeShape {
 
 /// Largest x of the tip in a swing whose gravity leans out of the plane by `lean_rad`.
 fn reach_m(scene: &Scene, young_pa: f64, lean_rad: f64) -> f64 {
-    let physics = with_effect(
-        "tilted_gravity",
-        &[0.0, lean_rad],
-        Physics::base(young_pa, 0.3, 0.5),
-    );
+    let mut physics = Physics::base(young_pa, 0.3, 0.5);
+    let tilt = effects::find("tilted_gravity").expect("the registry has tilted gravity");
+    effects::add_to(tilt, &[0.0, lean_rad], &mut physics);
     simulate(scene, &physics).unwrap().reach_m.unwrap()
 }
 
