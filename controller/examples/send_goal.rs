@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use clap::Parser;
 use controller::client::Client;
 use shared::messages::{Phase, Reason};
+use std::process::ExitCode;
 use std::time::Duration;
 
 /// Sends one goal and waits until it is done or refused.
@@ -22,8 +23,17 @@ struct Args {
     instance: String,
 }
 
-fn main() -> Result<()> {
-    let args = Args::parse();
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("send_goal: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
     let mut client = Client::connect(&args.instance, Duration::from_secs(2))?;
     let id = client.send_goal(args.rope, args.x)?;
     let text = |code| Reason::from_code(code).map_or("a reason this client does not know", Reason::text);

@@ -9,6 +9,7 @@ use controller::client::{ArmPort, Client};
 use controller::clock;
 use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::RobotState;
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 const PERIOD_NS: u64 = 4_000_000;
@@ -60,8 +61,17 @@ impl Arm {
     }
 }
 
-fn main() -> Result<()> {
-    let args = Args::parse();
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("sim_robot: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
     let end = (args.seconds > 0.0).then(|| Instant::now() + Duration::from_secs_f64(args.seconds));
     let ended = || end.is_some_and(|end| Instant::now() > end);
     let mut arm = Arm {

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::Parser;
 use controller::client::Client;
 use std::io::{BufWriter, ErrorKind, Write};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// Prints targets as they come.
@@ -19,8 +20,17 @@ struct Args {
     instance: String,
 }
 
-fn main() -> Result<()> {
-    let args = Args::parse();
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("watch_targets: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
     let mut client = Client::connect(&args.instance, Duration::from_secs(2))?;
     match watch(&mut client, args.seconds) {
         // The reader of the pipe has seen enough.
