@@ -28,10 +28,16 @@ enum Command {
     )]
     Run(RunArguments),
     /// Fit the rope and find what its model lacks; like `run`, but stops after the diagnosis.
-    #[command(after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope")]
+    #[command(
+        visible_alias = "fit",
+        after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope"
+    )]
     Diagnose(RunArguments),
-    /// Like `run`, but stops once the policy is trained.
-    #[command(after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope")]
+    /// Like `run`, but stops once rollouts are collected and the policy is trained and evaluated.
+    #[command(
+        visible_alias = "collect",
+        after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope"
+    )]
     Train(RunArguments),
     /// Like `run`, but stops once the policy is evaluated.
     #[command(after_help = "Example: offline evaluate --out runs/my-rope --demo my-rope/lift-1")]
