@@ -363,8 +363,7 @@ fn score(
         || discretisation(bench, structure, theta),
     );
     let (evaluation, difference) = (evaluation?, difference?);
-    let rows: Vec<_> = evaluation.all_rows().copied().collect();
-    let mut errors = Vec::with_capacity(rows.len());
+    let mut errors = Vec::with_capacity(evaluation.len());
     for (d, rows) in evaluation.rows.iter().enumerate() {
         errors.extend(rows.iter().map(|row| {
             let (low, share) = bracket(&difference[d].arcs_m, row.arc_m);
@@ -374,7 +373,7 @@ fn score(
                 .sum::<f64>()
         }));
     }
-    let sigmas: Vec<f64> = rows.iter().map(|r| r.sigma_m).collect();
+    let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
     Ok(ScoreProblem::new(&evaluation, &wide, structure).table(&errors, &sigmas, options.seed))
 }
 

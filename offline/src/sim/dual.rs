@@ -235,9 +235,6 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
         }
         out
     }
-    fn is_finite(self) -> bool {
-        self.value.is_finite() && self.tangent.iter().all(|d| d.is_finite())
-    }
 }
 
 #[cfg(test)]

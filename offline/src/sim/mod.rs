@@ -7,7 +7,7 @@
 //! | letter | meaning | unit |
 //! |---|---|---|
 //! | x, v | position and velocity of a particle | m, m/s |
-//! | C (`affine`) | affine velocity field of a particle, equal to the velocity gradient | 1/s |
+//! | Ḟ (`deformation_rate`) | affine velocity field of a particle in undeformed coordinates | 1/s |
 //! | F (`deformation_gradient`) | deformation gradient, row-major, dx = F dX | 1 |
 //! | J | det F | 1 |
 //! | R | rotation of the polar decomposition F = R S | 1 |

@@ -65,8 +65,6 @@ pub trait Real:
     fn one() -> Self {
         Self::of(1.0)
     }
-    /// Whether value and derivatives are finite.
-    fn is_finite(self) -> bool;
 }
 
 /// Newton's iteration R ← (R + R⁻ᵀ)/2 from F (Higham 1986). Rope strains are small, so it converges
@@ -144,10 +142,6 @@ macro_rules! float {
             #[inline(always)]
             fn sin_cos(self) -> (Self, Self) {
                 self.sin_cos()
-            }
-            #[inline(always)]
-            fn is_finite(self) -> bool {
-                <$t>::is_finite(self)
             }
             #[inline(always)]
             fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
