@@ -2,10 +2,10 @@
 //! energy and invariance need the state that a rollout does not show.
 
 use nalgebra::{Matrix3, Vector3};
-use offline::sim::elastic::energy_density;
 use offline::sim::error::Cause;
 use offline::sim::grid::Grid;
-use offline::sim::rollout::initial_particles;
+use offline::sim::material::Material;
+use offline::sim::rollout::{initial_particles, masses_kg, time_step_s};
 use offline::sim::step::{Particle, StepContext, step};
 use offline::sim::{Physics, Scene};
 
@@ -18,24 +18,21 @@ pub struct Stepper<'a> {
     scene: &'a Scene,
     physics: &'a Physics<f64>,
     grid: Grid<f64>,
+    material: Material<f64>,
     section: usize,
 }
 
 impl<'a> Stepper<'a> {
-    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's grips,
-    /// settling and changes of mass are not used.
+    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's grips and
+    /// settling are not used.
     pub fn new(scene: &'a Scene, physics: &'a Physics<f64>) -> Self {
         let layout = scene.layout();
-        let density = scene.rope.density_kg_m3();
-        let masses: Vec<f64> = (0..layout.particles())
-            .map(|p| density * layout.particle_volume_m3(p))
-            .collect();
-        let lame = physics.lame();
-        let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
-        let dt_s = scene.time_step_s(lame.p_wave_modulus(), viscosities.fold(0.0, f64::max));
+        let masses = masses_kg(scene, physics, &layout);
+        let material = Material::new(physics, &layout, &[]);
         Self {
+            dt_s: time_step_s(scene, physics, &layout, &masses, &material),
+            material,
             particles: initial_particles(scene, &layout, &masses),
-            dt_s,
             scene,
             physics,
             grid: Grid::new(&layout, scene.grid, &masses),
@@ -68,7 +65,7 @@ impl<'a> Stepper<'a> {
             section: self.section,
         };
         for _ in 0..count {
-            step(&mut self.particles, &mut self.grid, &context, &[], 1.0)?;
+            step(&mut self.particles, &mut self.material, &mut self.grid, &context, &[], 1.0)?;
         }
         Ok(())
     }
@@ -116,21 +113,22 @@ impl<'a> Stepper<'a> {
             .sum()
     }
 
-    /// Kinetic, elastic and potential energy, J.
-    pub fn energy_j(&self) -> f64 {
-        let lame = self.physics.lame();
+    /// Kinetic, stored and potential energy, J.
+    pub fn energy_j(&mut self) -> f64 {
+        let particles = &self.particles;
+        self.material
+            .prepare(self.physics, |index| &particles[index].deformation_gradient);
+        let gradients = particles.iter().map(|p| (&p.deformation_gradient, p.volume_m3));
+        let stored = self.material.energy_j(self.physics, gradients);
         let lever = self.affine_inertia_m2();
         let gravity = Vector3::from(self.physics.gravity_m_s2);
-        self.particles
-            .iter()
-            .map(|p| {
-                let affine = matrix(&p.deformation_rate).norm_squared() * lever;
-                let speed = Vector3::from(p.velocity_m_s).norm_squared();
-                let fall = gravity.dot(&Vector3::from(p.position_m));
-                p.mass_kg * (0.5 * (speed + affine) - fall)
-                    + p.volume_m3 * energy_density(&p.deformation_gradient, &lame)
-            })
-            .sum()
+        let moving = particles.iter().map(|p| {
+            let affine = matrix(&p.deformation_rate).norm_squared() * lever;
+            let speed = Vector3::from(p.velocity_m_s).norm_squared();
+            let fall = gravity.dot(&Vector3::from(p.position_m));
+            p.mass_kg * (0.5 * (speed + affine) - fall)
+        });
+        stored + moving.sum::<f64>()
     }
 
     /// dx²/4: second moment of the quadratic kernel (Jiang et al. 2015).

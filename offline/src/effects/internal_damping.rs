@@ -4,7 +4,7 @@
 //! The stress is explicit, so the step is bounded by ρ dx²/(6 t (λ + 2μ)): long retardation times
 //! are slow to simulate, but never unstable.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::elastic::Lame;
 use crate::sim::physics::{StressLaw, StressPoint};
 use crate::sim::tensor::Mat3;
@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "internal damping",
     equation: "τ = J t (2 μ D + λ tr(D) I)",
     source: "Kelvin-Voigt solid; Landau and Lifshitz, Theory of Elasticity, §34",
+    nuisance: false,
     parameters: &[ParameterSpec {
         name: "retardation_time_s",
         unit: "s",
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: 0.0,
         high: 0.02,
         smallest_of_interest: 0.0005,
+        slope: Slope::Tangent,
     }],
 };
 

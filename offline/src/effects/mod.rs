@@ -12,11 +12,21 @@
 //! laws that every effect must obey are tested over the registry in `tests/tests/effects.rs`.
 
 mod air_drag;
+mod bending_ratio;
+mod camera_offset;
+mod clamp_compliance;
+mod clock_offset;
+mod density_gradient;
 mod gripper_lag;
 mod internal_damping;
+mod release_delay;
+mod rest_curvature;
+mod steady_wind;
+mod strain_stiffening;
 mod table_friction;
 mod tilted_gravity;
 mod tip_mass;
+mod yield_strain;
 
 use crate::sim::{Physics, Real};
 
@@ -35,6 +45,20 @@ pub struct ParameterSpec {
     pub high: f64,
     /// Smallest change of interest: the step of a secant, and the scale of a fit.
     pub smallest_of_interest: f64,
+    /// How the rope's change with the parameter is found.
+    pub slope: Slope,
+}
+
+/// How the derivative with respect to a parameter is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slope {
+    /// From tangents, everywhere.
+    Tangent,
+    /// From a secant of the smallest size of interest where the parameter is nearer to its vanishing
+    /// value than that, because the slope there is none or not of interest; elsewhere from tangents.
+    SecantNearZero,
+    /// From a secant everywhere: the parameter acts in jumps.
+    Secant,
 }
 
 impl ParameterSpec {
@@ -55,6 +79,9 @@ pub struct EffectSpec {
     pub equation: &'static str,
     /// Where the equation comes from.
     pub source: &'static str,
+    /// Whether what it does is free in every other effect's score, as an unknown that no effect shall
+    /// be blamed for; its own score then leaves that freedom out.
+    pub nuisance: bool,
     /// Parameters.
     pub parameters: &'static [ParameterSpec],
 }
@@ -82,7 +109,17 @@ registry!(
     table_friction,
     tilted_gravity,
     tip_mass,
-    gripper_lag
+    density_gradient,
+    rest_curvature,
+    bending_ratio,
+    strain_stiffening,
+    yield_strain,
+    steady_wind,
+    gripper_lag,
+    clock_offset,
+    release_delay,
+    camera_offset,
+    clamp_compliance
 );
 
 /// Index of the effect with name `id`.

@@ -25,6 +25,7 @@ pub mod elastic;
 pub mod error;
 pub mod grid;
 pub mod kernel;
+pub mod material;
 pub mod physics;
 pub mod real;
 pub mod rollout;

@@ -4,7 +4,7 @@
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::tensor::{Mat3, Vec3};
+use super::tensor::{Mat3, Vec3, zero3};
 
 /// Standard acceleration of free fall, m/s² (CGPM 1901, rounded).
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -22,6 +22,25 @@ pub struct StressPoint<'a, T> {
     pub volume_ratio: T,
     /// Elastic moduli.
     pub lame: &'a Lame<T>,
+}
+
+/// What a bending law may know of the rope.
+pub struct BendingPoint<'a, T> {
+    /// The slices and their section.
+    pub layout: &'a RopeLayout,
+    /// Where closed grips end and the free rope begins.
+    pub mouths: &'a [Mouth],
+    /// Bending stiffness E I of the solid section, N m².
+    pub solid_n_m2: T,
+}
+
+/// Where the rope leaves a grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mouth {
+    /// Arc length, m.
+    pub arc_m: f64,
+    /// +1 where the free rope lies at larger arc lengths, −1 where at smaller ones.
+    pub outwards: f64,
 }
 
 /// State of a particle that a force law may use.
@@ -44,8 +63,38 @@ pub struct ForcePoint<T> {
 pub trait StressLaw<T: Real>: Send + Sync {
     /// Additional Kirchhoff stress, Pa.
     fn kirchhoff_pa(&self, point: &StressPoint<T>) -> Mat3<T>;
+    /// Energy density of which the stress is the derivative, J/m³; none where there is none.
+    fn energy_j_m3(&self, _point: &StressPoint<T>) -> Option<T> {
+        None
+    }
     /// Largest viscosity, Pa s: explicit viscosity bounds the time step.
-    fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64;
+    fn viscosity_pa_s(&self, _lame: &Lame<T>) -> f64 {
+        0.0
+    }
+    /// Modulus that it adds to the elastic one at large strain, Pa: stiffness bounds the time step.
+    fn modulus_pa(&self, _lame: &Lame<T>) -> f64 {
+        0.0
+    }
+}
+
+/// A stress-free shape other than straight.
+pub trait ShapeLaw<T: Real>: Send + Sync {
+    /// Curvature of the stress-free rope at an arc length toward the (side, up) of its first frame, 1/m.
+    fn curvature_per_m(&self, arc_m: f64) -> [T; 2];
+}
+
+/// A bending stiffness other than that of the solid section.
+pub trait BendingLaw<T: Real>: Send + Sync {
+    /// Changes the bending stiffness of every slice, as a multiple of the solid section's, in place;
+    /// called once before the first step.
+    fn change_stiffness(&self, point: &BendingPoint<T>, stiffness: &mut [T]);
+}
+
+/// A permanent change of the stress-free shape.
+pub trait FlowLaw<T: Real>: Send + Sync {
+    /// The factor Y that brings an elastic deformation gradient F back to an admissible one, F Y;
+    /// none where F is admissible.
+    fn relaxation(&self, elastic: &Mat3<T>) -> Option<Mat3<T>>;
 }
 
 /// A force on the rope besides weight and contact.
@@ -66,6 +115,18 @@ pub trait PathLaw<T: Real>: Send + Sync {
     fn offset(&self, recorded: &dyn Fn(T) -> Pose<T>, t_s: T) -> Pose<T>;
 }
 
+/// A difference between the rope and what the cameras report of it.
+pub trait ObservationLaw<T: Real>: Send + Sync {
+    /// What the cameras' clock shows above the robot's, s.
+    fn clock_offset_s(&self) -> T {
+        T::zero()
+    }
+    /// Where a point seems to be minus where it is, m; `pivot_m` is where the rope's start was first.
+    fn displacement_m(&self, _point_m: Vec3<T>, _pivot_m: [f64; 3]) -> Vec3<T> {
+        zero3()
+    }
+}
+
 /// All coefficients and laws of one simulation.
 pub struct Physics<T> {
     /// Young's modulus, Pa.
@@ -76,6 +137,8 @@ pub struct Physics<T> {
     pub gravity_m_s2: Vec3<T>,
     /// Coulomb coefficient between rope and table.
     pub friction: T,
+    /// How much later than recorded grips open, s.
+    pub release_delay_s: T,
     /// Stresses besides elasticity.
     pub stress_laws: Vec<Box<dyn StressLaw<T>>>,
     /// Forces besides weight and contact.
@@ -84,6 +147,14 @@ pub struct Physics<T> {
     pub mass_laws: Vec<Box<dyn MassLaw<T>>>,
     /// Errors of the clamp paths.
     pub path_laws: Vec<Box<dyn PathLaw<T>>>,
+    /// Stress-free shapes; their curvatures add.
+    pub shape_laws: Vec<Box<dyn ShapeLaw<T>>>,
+    /// Changes of the bending stiffness.
+    pub bending_laws: Vec<Box<dyn BendingLaw<T>>>,
+    /// Permanent changes of shape.
+    pub flow_laws: Vec<Box<dyn FlowLaw<T>>>,
+    /// Errors of the cameras.
+    pub observation_laws: Vec<Box<dyn ObservationLaw<T>>>,
 }
 
 impl<T: Real> Physics<T> {
@@ -94,10 +165,15 @@ impl<T: Real> Physics<T> {
             poisson,
             gravity_m_s2: [T::zero(), T::zero(), T::of(-GRAVITY_M_S2)],
             friction,
+            release_delay_s: T::zero(),
             stress_laws: Vec::new(),
             force_laws: Vec::new(),
             mass_laws: Vec::new(),
             path_laws: Vec::new(),
+            shape_laws: Vec::new(),
+            bending_laws: Vec::new(),
+            flow_laws: Vec::new(),
+            observation_laws: Vec::new(),
         }
     }
 

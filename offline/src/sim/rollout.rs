@@ -3,12 +3,13 @@
 use super::clamp::RigidMotion;
 use super::error::{Cause, SimError};
 use super::grid::Grid;
-use super::physics::Physics;
+use super::material::Material;
+use super::physics::{Mouth, Physics};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::Scene;
+use super::scene::{Grip, Scene};
 use super::step::{Particle, StepContext, step};
-use super::tensor::{Vec3, add, scaled, sub, zero3};
+use super::tensor::{Vec3, add, mul, scaled, sub, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -86,21 +87,11 @@ unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollo
 fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     check_parameters(physics)?;
     let layout = scene.layout();
-    let density = scene.rope.density_kg_m3();
-    let mut masses: Vec<T> = (0..layout.particles())
-        .map(|p| T::of(density * layout.particle_volume_m3(p)))
-        .collect();
-    for law in &physics.mass_laws {
-        law.change_masses_kg(&layout, &mut masses);
-    }
+    let masses = masses_kg(scene, physics, &layout);
     let mut particles = initial_particles(scene, &layout, &masses);
+    let mut material = Material::new(physics, &layout, &mouths(scene));
     let lame = physics.lame();
-    let viscosity = physics
-        .stress_laws
-        .iter()
-        .map(|law| law.viscosity_pa_s(&lame))
-        .fold(0.0, f64::max);
-    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
+    let dt_s = time_step_s(scene, physics, &layout, &masses, &material);
     let context = StepContext {
         physics,
         lame,
@@ -110,8 +101,10 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         section: layout.section_m.len(),
     };
     let mut grid = Grid::new(&layout, scene.grid, &masses);
-    let mut recorder = Recorder::new(scene, &layout);
-    let steps = (scene.duration_s / dt_s).ceil() as usize;
+    let mut recorder = Recorder::new(scene, physics, &layout);
+    // A camera's clock that is behind sees the rope later than it says.
+    let late_s = (-recorder.clock_offset_s.value()).max(0.0);
+    let steps = ((scene.duration_s + late_s) / dt_s).ceil() as usize;
     recorder.record(&particles, 0.0);
     for number in 0..steps {
         let t_s = number as f64 * dt_s;
@@ -120,7 +113,7 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
             Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
             _ => 1.0,
         };
-        step(&mut particles, &mut grid, &context, &motions, decay)
+        step(&mut particles, &mut material, &mut grid, &context, &motions, decay)
             .and_then(|()| check_speed(&particles, scene.grid.spacing_m / dt_s, number))
             .map_err(|cause| SimError {
                 step: number,
@@ -136,6 +129,59 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         steps,
         dt_s,
     })
+}
+
+/// Masses of the particles as the laws leave them, kg.
+pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayout) -> Vec<T> {
+    let density = scene.rope.density_kg_m3();
+    let mut masses: Vec<T> = (0..layout.particles())
+        .map(|p| T::of(density * layout.particle_volume_m3(p)))
+        .collect();
+    for law in &physics.mass_laws {
+        law.change_masses_kg(layout, &mut masses);
+    }
+    masses
+}
+
+/// Where the scene's grips end.
+pub fn mouths(scene: &Scene) -> Vec<Mouth> {
+    let mouth = |grip: &Grip| match grip.end {
+        RopeEnd::Start => Mouth {
+            arc_m: grip.length_m,
+            outwards: 1.0,
+        },
+        RopeEnd::End => Mouth {
+            arc_m: scene.rope.length_m - grip.length_m,
+            outwards: -1.0,
+        },
+    };
+    scene.grips.iter().map(mouth).collect()
+}
+
+/// Largest stable time step of a scene with all laws, s. A piece that is lighter than the rope as
+/// declared counts as that much stiffer, because wave speed and diffusivity go with their ratio.
+pub fn time_step_s<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    layout: &RopeLayout,
+    masses_kg: &[T],
+    material: &Material<T>,
+) -> f64 {
+    let lame = physics.lame();
+    let viscosity = physics
+        .stress_laws
+        .iter()
+        .map(|law| law.viscosity_pa_s(&lame))
+        .fold(0.0, f64::max);
+    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
+    let modulus = lame.p_wave_modulus().value() + stiffening + material.modulus_pa();
+    let density = scene.rope.density_kg_m3();
+    let lightness = masses_kg
+        .iter()
+        .enumerate()
+        .map(|(p, m)| T::of(density * layout.particle_volume_m3(p)).value() / m.value())
+        .fold(1.0, f64::max);
+    scene.time_step_s(modulus * lightness, viscosity * lightness)
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
@@ -187,7 +233,8 @@ fn grip_motions<T: Real>(
         .grips
         .iter()
         .map(|grip| {
-            grip.path.closed(t_s).then(|| {
+            let opens_late = grip.path.closed(t_s - physics.release_delay_s.value());
+            (grip.path.closed(t_s) || opens_late).then(|| {
                 let pose = grip.path.real_pose(&physics.path_laws, t_s + dt_s);
                 RigidMotion::between(&grip.path.knots()[0].pose, &pose)
             })
@@ -195,18 +242,26 @@ fn grip_motions<T: Real>(
         .collect()
 }
 
-/// Takes down the centreline at the scene's frame times and the tip's reach.
+/// Takes down the centreline at the scene's frame times, as the cameras report it, and the tip's reach.
 struct Recorder<'a, T> {
     scene: &'a Scene,
+    physics: &'a Physics<T>,
+    clock_offset_s: T,
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
-    fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
+    fn new(scene: &'a Scene, physics: &'a Physics<T>, layout: &RopeLayout) -> Self {
+        let mut clock_offset_s = T::zero();
+        for law in &physics.observation_laws {
+            clock_offset_s += law.clock_offset_s();
+        }
         Self {
             scene,
+            physics,
+            clock_offset_s,
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
@@ -215,11 +270,21 @@ impl<'a, T: Real> Recorder<'a, T> {
 
     fn record(&mut self, particles: &[Particle<T>], now_s: f64) {
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
+            // Before the start the rope lies as at the start.
+            let due = (due - self.clock_offset_s.value()).max(0.0);
             if due > now_s + 1e-12 {
                 break;
             }
-            // Frames fall between steps: go back along the velocity, less than one step.
-            self.frames.push(centreline(particles, self.section, due - now_s));
+            // Frames fall between steps: go back along the velocity, less than one step. The offset's
+            // tangents go along, without its value.
+            let ahead_s = T::of(due - now_s) + (T::of(self.clock_offset_s.value()) - self.clock_offset_s);
+            let mut points = centreline(particles, self.section, ahead_s);
+            for point in &mut points {
+                for law in &self.physics.observation_laws {
+                    *point = add(*point, law.displacement_m(*point, self.scene.start_m));
+                }
+            }
+            self.frames.push(points);
         }
         if now_s >= self.scene.score_from_s {
             let tip = self.tip_x(particles);
@@ -247,25 +312,27 @@ impl<'a, T: Real> Recorder<'a, T> {
     }
 }
 
-fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: f64) -> Vec<Vec3<T>> {
+fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: T) -> Vec<Vec3<T>> {
     particles
         .chunks(section)
         .map(|slice| {
             let mut sum = zero3();
             for p in slice {
-                sum = add(sum, add(p.position_m, scaled(p.velocity_m_s, ahead_s)));
+                sum = add(sum, add(p.position_m, mul(p.velocity_m_s, ahead_s)));
             }
             scaled(sum, 1.0 / section as f64)
         })
         .collect()
 }
 
-/// Two unit vectors that complete `axis` to a right-handed frame.
+/// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a
+/// rope that hangs or stands is one that was turned about y without a roll, so that properties of the
+/// material keep their side from a lift to a swing.
 fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]
     } else {
-        [0.0, 1.0, 0.0]
+        [-axis[2].signum(), 0.0, 0.0]
     };
     let along = axis.iter().zip(&helper).map(|(a, h)| a * h).sum::<f64>();
     let up = sub(helper, axis.map(|a| a * along));
