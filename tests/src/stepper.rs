@@ -114,12 +114,11 @@ impl<'a> Stepper<'a> {
     }
 
     /// Kinetic, stored and potential energy, J.
-    pub fn energy_j(&mut self) -> f64 {
+    pub fn energy_j(&self) -> f64 {
         let particles = &self.particles;
-        self.material
-            .prepare(self.physics, |index| &particles[index].deformation_gradient);
-        let gradients = particles.iter().map(|p| (&p.deformation_gradient, p.volume_m3));
-        let stored = self.material.energy_j(self.physics, gradients);
+        let volumes: Vec<f64> = particles.iter().map(|p| p.volume_m3).collect();
+        let gradient = |index: usize| &particles[index].deformation_gradient;
+        let stored = self.material.energy_j(self.physics, gradient, &volumes);
         let lever = self.affine_inertia_m2();
         let gravity = Vector3::from(self.physics.gravity_m_s2);
         let moving = particles.iter().map(|p| {

@@ -33,10 +33,6 @@ fn last_frame(scene: &Scene, physics: &Physics<f64>) -> Vec<[f64; 3]> {
     simulate(scene, physics).unwrap().frames.pop().unwrap()
 }
 
-fn second_moment_m4(shape: &RopeShape) -> f64 {
-    std::f64::consts::PI * shape.diameter_m.powi(4) / 64.0
-}
-
 /// Mean curvature vector of a centreline, 1/m: the turn of its chords over the length between them.
 fn curvature_per_m(frame: &[[f64; 3]]) -> Vector3<f64> {
     let chord = |i: usize| Vector3::from(frame[i + 1]) - Vector3::from(frame[i]);
@@ -173,10 +169,11 @@ fn a_stiffening_rope_stretches_as_its_curve_says() {
         let list: [(&str, &[f64]); 2] = [("tip_mass", &[load_kg]), ("strain_stiffening", &[c])];
         let frame = last_frame(&scene, &with(young_pa, &list));
         let slices = scene.layout().slices;
-        let middle = slices.len() / 2;
-        let apart = slices[middle + 1].arc_m - slices[middle].arc_m;
-        let strain = (frame[middle][2] - frame[middle + 1][2]) / apart - 1.0;
-        let below_m = shape.length_m - slices[middle].arc_m - 0.5 * apart;
+        // The middle half: away from the grip and from the end that carries the mass.
+        let (a, b) = (slices.len() / 4, 3 * slices.len() / 4);
+        let apart = slices[b].arc_m - slices[a].arc_m;
+        let strain = (frame[a][2] - frame[b][2]) / apart - 1.0;
+        let below_m = shape.length_m - 0.5 * (slices[a].arc_m + slices[b].arc_m);
         let load_n = GRAVITY_M_S2 * (load_kg + below_m * shape.mass_kg / shape.length_m);
         close(young_pa * area * (strain + c * strain.powi(3)), load_n, 0.02, "load from strain");
         println!("strain {strain:.4}");
@@ -228,7 +225,7 @@ fn a_bent_rope_springs_back_by_its_elastic_part() {
             path: ClampPath::from_samples(&samples),
         },
     ];
-    let scene = settled(shape, LEVEL, grips, 0.9, 40.0);
+    let scene = settled(shape, LEVEL, grips, 1.4, 25.0);
     let free = |frame: Vec<[f64; 3]>| {
         let arcs: Vec<f64> = scene.layout().slices.iter().map(|s| s.arc_m).collect();
         // Away from the grips, whose springs give a little.

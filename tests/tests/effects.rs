@@ -126,40 +126,48 @@ fn tangents_are_slopes_for_every_parameter() {
             .collect();
         let dual = simulate(&scene, &with_effect(effect, &inputs)).unwrap();
         for (k, parameter) in spec.parameters.iter().enumerate() {
-            // Tangential drag moves the rope by micrometres per unit: differences much
-            // smaller drown in rounding, larger ones in steps between sliding and sticking.
-            let h = 1e-4 * parameter.smallest_of_interest;
-            let shifted = |sign: f64| {
-                let mut moved = values.clone();
-                moved[k] += sign * h;
-                simulate(&scene, &with_effect(effect, &moved)).unwrap()
-            };
-            let (plus, minus) = (shifted(1.0), shifted(-1.0));
-            assert!(
-                plus.dt_s == minus.dt_s,
-                "the step must not depend on {}",
-                parameter.name
-            );
-            let (mut wrong, mut size) = (0.0, 0.0);
-            for (f, frame) in dual.frames.iter().enumerate() {
-                for (p, point) in frame.iter().enumerate() {
-                    for c in 0..3 {
-                        let slope = (plus.frames[f][p][c] - minus.frames[f][p][c]) / (2.0 * h);
-                        wrong += (point[c].tangent[k] - slope).powi(2);
-                        size += slope * slope;
-                    }
-                }
-            }
-            let error = (wrong / size).sqrt();
+            // Large steps meet more changes between sliding and sticking, small ones drown in
+            // rounding where the effect is small (tangential drag: micrometres per unit).
+            let error = [1e-4, 1e-5]
+                .map(|share| {
+                    let h = share * parameter.smallest_of_interest;
+                    slope_error(&scene, effect, &values, (k, h), &dual)
+                })
+                .into_iter()
+                .fold(f64::INFINITY, f64::min);
             println!("{}.{}: relative error {error:.2e}", spec.id, parameter.name);
-            assert!(
-                size > 0.0 && error < 1e-3,
-                "{}.{}: {error:.2e}",
-                spec.id,
-                parameter.name
-            );
+            assert!(error < 1e-3, "{}.{}: {error:.2e}", spec.id, parameter.name);
         }
     }
+}
+
+/// Difference between tangents and the central difference of step h, relative to its size.
+fn slope_error(
+    scene: &Scene,
+    effect: usize,
+    values: &[f64],
+    (k, h): (usize, f64),
+    dual: &Rollout<Dual<f64, MOST>>,
+) -> f64 {
+    let shifted = |sign: f64| {
+        let mut moved = values.to_vec();
+        moved[k] += sign * h;
+        simulate(scene, &with_effect(effect, &moved)).unwrap()
+    };
+    let (plus, minus) = (shifted(1.0), shifted(-1.0));
+    assert!(plus.dt_s == minus.dt_s, "the step must not depend on {}", ALL[effect].id);
+    let (mut wrong, mut size) = (0.0, 0.0);
+    for (f, frame) in dual.frames.iter().enumerate() {
+        for (p, point) in frame.iter().enumerate() {
+            for c in 0..3 {
+                let slope = (plus.frames[f][p][c] - minus.frames[f][p][c]) / (2.0 * h);
+                wrong += (point[c].tangent[k] - slope).powi(2);
+                size += slope * slope;
+            }
+        }
+    }
+    assert!(size > 0.0, "{}: parameter {k} does nothing", ALL[effect].id);
+    f64::sqrt(wrong / size)
 }
 
 /// A random state of a particle: well inside the range of strains and speeds of a rope.
@@ -251,10 +259,11 @@ fn random_turn(rng: &mut ChaCha8Rng) -> (Matrix3<f64>, Matrix3<f64>) {
     (turn, Vector3::from(angles).cross_matrix() * 30.0)
 }
 
-/// A short rope in a state of large, random strain.
+/// A short rope in a state of large, random strain, which may change.
 struct StrainedRope {
     layout: RopeLayout,
     gradients: Vec<[[f64; 3]; 3]>,
+    rates: Vec<[[f64; 3]; 3]>,
 }
 
 impl StrainedRope {
@@ -263,7 +272,27 @@ impl StrainedRope {
         let strained = |_| rows(&(Matrix3::identity() + Matrix3::from_fn(|_, _| rng.random_range(-0.1..0.1))));
         Self {
             gradients: (0..layout.particles()).map(strained).collect(),
+            rates: vec![[[0.0; 3]; 3]; layout.particles()],
             layout,
+        }
+    }
+
+    /// The same, changing at random rates.
+    fn moving(rng: &mut ChaCha8Rng) -> Self {
+        let mut strained = Self::new(rng);
+        for rate in &mut strained.rates {
+            *rate = rows(&Matrix3::from_fn(|_, _| rng.random_range(-20.0..20.0)));
+        }
+        strained
+    }
+
+    fn turned(&self, turn: &Matrix3<f64>, spin: &Matrix3<f64>) -> Self {
+        let turned = |f: &[[f64; 3]; 3]| turn * matrix(f);
+        let rate = |(f, rate): (_, _)| rows(&(turned(rate) + spin * turned(f)));
+        Self {
+            gradients: self.gradients.iter().map(|f| rows(&turned(f))).collect(),
+            rates: self.gradients.iter().zip(&self.rates).map(rate).collect(),
+            layout: self.layout.clone(),
         }
     }
 
@@ -273,21 +302,24 @@ impl StrainedRope {
             outwards: 1.0,
         };
         let mut material = Material::new(physics, &self.layout, &[mouth]);
-        material.prepare(physics, |index| &self.gradients[index]);
+        material.advance(physics, 1e-4, |index| (&self.gradients[index], &self.rates[index]));
         material
     }
 
     fn energy_j(&self, physics: &Physics<f64>) -> f64 {
-        let volumes = (0..self.layout.particles()).map(|p| self.layout.particle_volume_m3(p));
+        let volumes: Vec<f64> = (0..self.layout.particles())
+            .map(|p| self.layout.particle_volume_m3(p))
+            .collect();
         self.material(physics)
-            .energy_j(physics, self.gradients.iter().zip(volumes))
+            .energy_j(physics, |index| &self.gradients[index], &volumes)
     }
 
     fn piola_pa(&self, physics: &Physics<f64>) -> Vec<Matrix3<f64>> {
         let (material, lame) = (self.material(physics), physics.lame());
-        let still = [[0.0; 3]; 3];
-        let stress = |(index, f)| material.piola(index, f, &still, physics, &lame).0;
-        self.gradients.iter().enumerate().map(|i| matrix(&stress(i))).collect()
+        let motion = |index| (&self.gradients[index], &self.rates[index]);
+        (0..self.gradients.len())
+            .map(|index| matrix(&material.piola(index, motion(index), physics, &lame).0))
+            .collect()
     }
 }
 
@@ -332,12 +364,9 @@ fn a_turned_rope_stores_the_same_energy_and_its_stress_turns() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     for effect in 0..ALL.len() {
         let physics = with_effect(effect, &values_off(effect, 5.0, &mut rng));
-        let strained = StrainedRope::new(&mut rng);
-        let (turn, _) = random_turn(&mut rng);
-        let there = StrainedRope {
-            gradients: strained.gradients.iter().map(|f| matmul(&rows(&turn), f)).collect(),
-            layout: strained.layout.clone(),
-        };
+        let strained = StrainedRope::moving(&mut rng);
+        let (turn, spin) = random_turn(&mut rng);
+        let there = strained.turned(&turn, &spin);
         let (here_j, there_j) = (strained.energy_j(&physics), there.energy_j(&physics));
         assert!((there_j / here_j - 1.0).abs() < 1e-9, "{}", ALL[effect].id);
         let pairs = strained.piola_pa(&physics).into_iter().zip(there.piola_pa(&physics));
@@ -361,6 +390,11 @@ fn dissipative_laws_take_power_in_every_state() {
             let rate = 0.5 * (state.l + state.l.transpose());
             let dissipated = kirchhoff_pa(&physics, &state).dot(&rate);
             let mut released = 0.0;
+            for law in &physics.memory_laws {
+                let (mut memory, rate) = ([[0.0; 3]; 3], rows(&rate));
+                law.remember(&mut memory, &rate, 1e-4);
+                released += matrix(&law.second_piola_pa(&memory, &physics.lame())).dot(&matrix(&rate));
+            }
             for law in &physics.flow_laws {
                 let (f, lame) = (rows(&state.f), physics.lame());
                 let relaxed = law.relaxation(&f).map_or(f, |relaxed| matmul(&f, &relaxed));

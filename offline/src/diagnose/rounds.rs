@@ -261,12 +261,7 @@ fn one_round(
     progress("scoring every effect of the library from one pass of tangents");
     let table = score(bench, structure, &fitted.best.theta, options)?;
     let now = ResidualSummary::of(&fitted.best);
-    let chosen: Vec<&Score> = table
-        .scores
-        .iter()
-        .filter(|s| s.statistic > table.threshold)
-        .take(options.refits)
-        .collect();
+    let chosen = leading(&table, options.refits);
     progress(&format!(
         "refitting with {}",
         if chosen.is_empty() {
@@ -283,7 +278,6 @@ fn one_round(
                 structure,
                 fitted,
                 score,
-                table.threshold,
                 (&now, held_now),
                 options,
             )
@@ -329,6 +323,25 @@ fn choose(bench: &Bench, mut tried: Vec<Tried>, progress: &dyn Fn(&str)) -> Resu
         refits.push(refit);
     }
     Ok((refits, winner, tied))
+}
+
+/// Effects worth a full refit: the best `count`, the whole family of the best, because only refits can
+/// tell its members apart, and whatever the other scores hold to be free.
+fn leading(table: &ScoreTable, count: usize) -> Vec<&Score> {
+    let significant: Vec<&Score> = table.scores.iter().filter(|s| s.significant()).collect();
+    let nuisance = |s: &Score| effects::ALL[s.effect].nuisance;
+    let Some(best) = significant.iter().find(|s| !nuisance(s)) else {
+        return significant;
+    };
+    let ranked = significant.iter().filter(|s| !nuisance(s)).take(count);
+    let related = significant.iter().filter(|s| nuisance(s) || best.family.contains(&s.id));
+    let mut chosen: Vec<&Score> = ranked.copied().collect();
+    for score in related {
+        if chosen.iter().all(|c| c.id != score.id) {
+            chosen.push(score);
+        }
+    }
+    chosen
 }
 
 fn names(scores: &[&Score]) -> Vec<String> {
@@ -425,7 +438,6 @@ fn refit(
     structure: &Structure,
     fitted: &FitResult,
     score: &Score,
-    threshold: f64,
     before: (&ResidualSummary, &ResidualSummary),
     options: &LoopOptions,
 ) -> Result<(Refit, Structure, FitResult), FitError> {
@@ -449,7 +461,7 @@ fn refit(
         gates: Vec::new(),
         passed: false,
     };
-    refit.gates = statistical_gates(score, threshold, before, &refit, options);
+    refit.gates = statistical_gates(score, before, &refit, options);
     refit.passed = refit.gates.iter().all(|g| g.passed);
     Ok((refit, next, result))
 }

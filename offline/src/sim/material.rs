@@ -6,17 +6,21 @@
 //! gradient of a twist-free rod of this curvature (Bishop 1975). The energy density is then ψ(F A) with
 //! A = G⁻¹ per stress-free volume, so P = det(A)⁻¹ P_e(F A) Aᵀ. Plastic flow multiplies A (Lee 1969).
 //!
-//! **Bending stiffness.** The axial stretches λ = |F A e_s| of a slice's particles give its curvature
-//! κ = −Σ y λ / Σ y² as a least-squares slope, whatever their mean is, so axial stiffness does not change. A
-//! stiffness c E I in place of E I adds the energy (c − 1) E I κ²/2 per length. Both are functions of
-//! the stretches alone, hence invariant to rotation.
+//! **Bending stiffness.** With F̄ the mean of F A over a slice's particles, the slice's energy becomes the mean
+//! of c ψ(F A) + (1 − c) ψ(F̄): what the particles have in common, stretch and shear, keeps its
+//! stiffness, and what differs over the section, bending and twist, has c times as much. It scales
+//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not: that
+//! left a soft first slice at a clamp a quarter too stiff. F̄ turns with the rope, so it is invariant.
+//!
+//! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
+//! material coordinates.
 
-use super::elastic::{Lame, piola_stress};
+use super::elastic::{Lame, energy_density, piola_stress};
 use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::tensor::{
-    Mat3, Vec3, add, det, dot, identity, matmul, matmul_transposed, mul, transpose_inverse,
+    Mat3, add, det, identity, matmul, matmul_transposed, mul, transpose, transpose_inverse, zero3,
 };
 
 /// State of the material, particle by particle and slice by slice. Lists are empty where nothing needs
@@ -25,24 +29,30 @@ use super::tensor::{
 pub struct Material<T> {
     /// A = G⁻¹ per particle.
     natural_inverse: Vec<Mat3<T>>,
-    /// (c − 1) E per slice, Pa.
-    bending_excess_pa: Vec<T>,
-    /// Curvature κ per slice at the present step, 1/m.
-    curvature: Vec<[T; 2]>,
-    section_m: Vec<[f64; 2]>,
-    /// Σ y² over a section's particles, along every axis, m².
-    second_moment_m2: f64,
+    /// Bending stiffness c per slice, as a multiple of the solid section's.
+    bending: Vec<T>,
+    /// (1 − c) P(F̄) per slice at the present step, Pa.
+    common_pa: Vec<Mat3<T>>,
+    /// What each memory law remembers, by law and particle.
+    memories: Vec<Vec<Mat3<T>>>,
+    /// Particles per slice.
+    section: usize,
 }
+
+/// Deformation gradient of a particle and its rate.
+pub type Motion<'a, T> = (&'a Mat3<T>, &'a Mat3<T>);
 
 impl<T: Real> Material<T> {
     /// The material before the first step.
     pub fn new(physics: &Physics<T>, layout: &RopeLayout, mouths: &[Mouth]) -> Self {
+        let count = layout.particles();
+        let blank = || vec![[zero3(); 3]; count];
         let mut material = Self {
             natural_inverse: Vec::new(),
-            bending_excess_pa: Vec::new(),
-            curvature: Vec::new(),
-            section_m: layout.section_m.clone(),
-            second_moment_m2: layout.section_m.iter().map(|y| y[0] * y[0]).sum(),
+            bending: Vec::new(),
+            common_pa: Vec::new(),
+            memories: physics.memory_laws.iter().map(|_| blank()).collect(),
+            section: layout.section_m.len(),
         };
         if !(physics.shape_laws.is_empty() && physics.flow_laws.is_empty()) {
             material.natural_inverse = natural_inverse(physics, layout);
@@ -54,144 +64,154 @@ impl<T: Real> Material<T> {
                 mouths,
                 solid_n_m2: physics.young_pa.scale(std::f64::consts::FRAC_PI_4 * radius.powi(4)),
             };
-            let mut stiffness = vec![T::one(); layout.slices.len()];
+            material.bending = vec![T::one(); layout.slices.len()];
             for law in &physics.bending_laws {
-                law.change_stiffness(&point, &mut stiffness);
+                law.change_stiffness(&point, &mut material.bending);
             }
-            material.bending_excess_pa = stiffness
-                .iter()
-                .map(|&c| (c - T::one()) * physics.young_pa)
-                .collect();
-            material.curvature = vec![[T::zero(); 2]; layout.slices.len()];
+            material.common_pa = vec![[zero3(); 3]; layout.slices.len()];
         }
         material
     }
 
-    /// Largest modulus that the bending stiffness adds, Pa: it bounds the time step.
-    pub fn modulus_pa(&self) -> f64 {
-        self.bending_excess_pa.iter().map(|x| x.value()).fold(0.0, f64::max)
+    /// Largest bending stiffness, at least one: it bounds the time step as the modulus does.
+    pub fn largest_bending(&self) -> f64 {
+        self.bending.iter().map(|c| c.value()).fold(1.0, f64::max)
     }
 
-    /// Lets the material flow and takes down the slices' curvatures; called at the start of a step with
-    /// the particles' deformation gradients in order.
+    /// Lets the material flow and remember, and takes down what the slices' particles have in common;
+    /// called at the start of a step of `dt_s` with the particles' motion.
     #[inline(always)]
-    pub fn prepare<'a>(&mut self, physics: &Physics<T>, gradients: impl Fn(usize) -> &'a Mat3<T>) {
+    pub fn advance<'a>(
+        &mut self,
+        physics: &Physics<T>,
+        dt_s: f64,
+        motion: impl Fn(usize) -> Motion<'a, T>,
+    ) {
         if !physics.flow_laws.is_empty() {
             for (index, inverse) in self.natural_inverse.iter_mut().enumerate() {
                 for law in &physics.flow_laws {
-                    if let Some(relaxed) = law.relaxation(&matmul(gradients(index), inverse)) {
+                    if let Some(relaxed) = law.relaxation(&matmul(motion(index).0, inverse)) {
                         *inverse = matmul(inverse, &relaxed);
                     }
                 }
             }
         }
-        for slice in 0..self.curvature.len() {
-            let first = slice * self.section_m.len();
-            let mut slope = [T::zero(); 2];
-            for (member, y) in self.section_m.iter().enumerate() {
-                let axis = self.axis(first + member, gradients(first + member));
-                let stretch = dot(axis, axis).sqrt();
-                slope[0] += stretch.scale(y[0]);
-                slope[1] += stretch.scale(y[1]);
+        for (law, memories) in physics.memory_laws.iter().zip(&mut self.memories) {
+            for (index, memory) in memories.iter_mut().enumerate() {
+                let (f, rate) = motion(index);
+                law.remember(memory, &strain_rate(f, rate), dt_s);
             }
-            self.curvature[slice] = slope.map(|x| x.scale(-1.0 / self.second_moment_m2));
+        }
+        for slice in 0..self.common_pa.len() {
+            let mean = self.mean(slice, |index| motion(index).0);
+            let (stress, _) = piola_stress(&mean, &physics.lame());
+            let share = T::one() - self.bending[slice];
+            self.common_pa[slice] = stress.map(|row| mul(row, share));
         }
     }
 
-    /// F A e_s.
+    /// F A of a particle.
     #[inline(always)]
-    fn axis(&self, index: usize, f: &Mat3<T>) -> Vec3<T> {
+    fn elastic(&self, index: usize, f: &Mat3<T>) -> Mat3<T> {
         match self.natural_inverse.get(index) {
-            Some(a) => {
-                let along = [a[0][0], a[1][0], a[2][0]];
-                [dot(f[0], along), dot(f[1], along), dot(f[2], along)]
-            }
-            None => [f[0][0], f[1][0], f[2][0]],
+            Some(a) => matmul(f, a),
+            None => *f,
         }
     }
 
-    /// First Piola-Kirchhoff stress of a particle with the deformation gradient `f` and its rate, and
-    /// the determinant of its elastic part.
+    /// F̄ of a slice.
+    fn mean<'a>(&self, slice: usize, gradients: impl Fn(usize) -> &'a Mat3<T>) -> Mat3<T> {
+        let mut sum: Mat3<T> = [zero3(); 3];
+        for index in slice * self.section..(slice + 1) * self.section {
+            let f = self.elastic(index, gradients(index));
+            for k in 0..3 {
+                sum[k] = add(sum[k], f[k]);
+            }
+        }
+        sum.map(|row| row.map(|x| x.scale(1.0 / self.section as f64)))
+    }
+
+    /// First Piola-Kirchhoff stress of a particle in motion, and the determinant of its elastic part.
     #[inline(always)]
     pub fn piola(
         &self,
         index: usize,
-        f: &Mat3<T>,
-        rate: &Mat3<T>,
+        (f, rate): Motion<T>,
         physics: &Physics<T>,
         lame: &Lame<T>,
     ) -> (Mat3<T>, T) {
+        let bending = self.bending.get(index / self.section);
         let (mut pk1, j) = match self.natural_inverse.get(index) {
-            None => elastic_piola(f, rate, physics, lame),
+            None => elastic_piola((f, rate), bending, physics, lame),
             Some(a) => {
-                let (stress, j) = elastic_piola(&matmul(f, a), &matmul(rate, a), physics, lame);
+                let elastic = (&matmul(f, a), &matmul(rate, a));
+                let (stress, j) = elastic_piola(elastic, bending, physics, lame);
                 let volume = T::one() / det(a);
                 (matmul_transposed(&stress, a).map(|row| mul(row, volume)), j)
             }
         };
-        if !self.bending_excess_pa.is_empty() {
-            self.add_bending(index, f, &mut pk1);
+        if let Some(common) = self.common_pa.get(index / self.section) {
+            let common = match self.natural_inverse.get(index) {
+                Some(a) => matmul_transposed(common, a),
+                None => *common,
+            };
+            add_to(&mut pk1, &common);
+        }
+        for (law, memories) in physics.memory_laws.iter().zip(&self.memories) {
+            add_to(&mut pk1, &matmul(f, &law.second_piola_pa(&memories[index], lame)));
         }
         (pk1, j)
     }
 
-    /// Adds −(c − 1) E (κ·y) t ⊗ A e_s, the derivative of the slice's energy per particle volume.
-    fn add_bending(&self, index: usize, f: &Mat3<T>, pk1: &mut Mat3<T>) {
-        let (slice, member) = (index / self.section_m.len(), index % self.section_m.len());
-        let (kappa, y) = (&self.curvature[slice], self.section_m[member]);
-        let strain = -(kappa[0].scale(y[0]) + kappa[1].scale(y[1]));
-        let axis = self.axis(index, f);
-        let pull = mul(
-            axis,
-            self.bending_excess_pa[slice] * strain / dot(axis, axis).sqrt(),
-        );
-        match self.natural_inverse.get(index) {
-            Some(a) => {
-                for k in 0..3 {
-                    pk1[k] = add(pk1[k], [pull[k] * a[0][0], pull[k] * a[1][0], pull[k] * a[2][0]]);
-                }
-            }
-            None => (0..3).for_each(|k| pk1[k][0] += pull[k]),
-        }
-    }
-
-    /// Stored energy of the rope, J: elasticity, the energies of stress laws and of bending. The
-    /// particles' deformation gradients and volumes come in order; κ is that of the last `prepare`.
+    /// Stored energy of the rope, J: elasticity with its slices' bending stiffness, and the energies of
+    /// stress laws. `gradients` are the particles' deformation gradients, `volume_m3` their volumes.
     pub fn energy_j<'a>(
         &self,
         physics: &Physics<T>,
-        particles: impl Iterator<Item = (&'a Mat3<T>, f64)>,
+        gradients: impl Fn(usize) -> &'a Mat3<T>,
+        volume_m3: &[f64],
     ) -> T {
         let lame = physics.lame();
         let mut sum = T::zero();
-        for (index, (f, volume_m3)) in particles.enumerate() {
-            let (elastic, share) = match self.natural_inverse.get(index) {
-                Some(a) => (matmul(f, a), T::one() / det(a)),
-                None => (*f, T::one()),
-            };
-            let mut density = super::elastic::energy_density(&elastic, &lame);
+        for (index, &volume) in volume_m3.iter().enumerate() {
+            let elastic = self.elastic(index, gradients(index));
+            let mut density = energy_density(&elastic, &lame);
+            if let Some(&c) = self.bending.get(index / self.section) {
+                density = density * c;
+            }
             let point = StressPoint {
                 deformation_gradient: &elastic,
-                velocity_gradient: &[[T::zero(); 3]; 3],
+                velocity_gradient: &[zero3(); 3],
                 volume_ratio: det(&elastic),
                 lame: &lame,
             };
             for law in &physics.stress_laws {
                 density += law.energy_j_m3(&point).unwrap_or(T::zero());
             }
-            density = density * share;
-            let slice = index / self.section_m.len();
-            if let (Some(&excess), Some(kappa)) =
-                (self.bending_excess_pa.get(slice), self.curvature.get(slice))
-            {
-                let square = kappa[0] * kappa[0] + kappa[1] * kappa[1];
-                let gyration_m2 = self.second_moment_m2 / self.section_m.len() as f64;
-                density += (excess * square).scale(0.5 * gyration_m2);
+            if let Some(a) = self.natural_inverse.get(index) {
+                density = density / det(a);
             }
-            sum += density.scale(volume_m3);
+            sum += density.scale(volume);
+        }
+        for (slice, &c) in self.bending.iter().enumerate() {
+            let common = energy_density(&self.mean(slice, &gradients), &lame);
+            let members = slice * self.section..(slice + 1) * self.section;
+            sum += ((T::one() - c) * common).scale(volume_m3[members].iter().sum());
         }
         sum
     }
+}
+
+fn add_to<T: Real>(sum: &mut Mat3<T>, more: &Mat3<T>) {
+    for k in 0..3 {
+        sum[k] = add(sum[k], more[k]);
+    }
+}
+
+/// Rate of the Green strain, ½ (FᵀḞ + ḞᵀF), 1/s.
+fn strain_rate<T: Real>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
+    let half = matmul(&transpose(f), rate);
+    std::array::from_fn(|a| std::array::from_fn(|b| (half[a][b] + half[b][a]).scale(0.5)))
 }
 
 /// A = G⁻¹ of every particle for the curvatures of the shape laws.
@@ -211,25 +231,27 @@ fn natural_inverse<T: Real>(physics: &Physics<T>, layout: &RopeLayout) -> Vec<Ma
         .collect()
 }
 
-/// Elasticity and the stress laws: P + τ F⁻ᵀ, and det F.
+/// Elasticity, times the bending stiffness, and the stress laws: c P + τ F⁻ᵀ, and det F.
 #[inline(always)]
 fn elastic_piola<T: Real>(
-    f: &Mat3<T>,
-    rate: &Mat3<T>,
+    (f, rate): Motion<T>,
+    bending: Option<&T>,
     physics: &Physics<T>,
     lame: &Lame<T>,
 ) -> (Mat3<T>, T) {
     let (mut pk1, j) = piola_stress(f, lame);
+    if let Some(&c) = bending {
+        pk1 = pk1.map(|row| mul(row, c));
+    }
     if !physics.stress_laws.is_empty() {
-        add_stress_laws(f, rate, physics, lame, j, &mut pk1);
+        add_stress_laws((f, rate), physics, lame, j, &mut pk1);
     }
     (pk1, j)
 }
 
 /// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
 fn add_stress_laws<T: Real>(
-    f: &Mat3<T>,
-    rate: &Mat3<T>,
+    (f, rate): Motion<T>,
     physics: &Physics<T>,
     lame: &Lame<T>,
     j: T,
@@ -245,9 +267,6 @@ fn add_stress_laws<T: Real>(
             volume_ratio: j,
             lame,
         });
-        let extra = matmul(&kirchhoff, &inverse_transposed);
-        for a in 0..3 {
-            pk1[a] = add(pk1[a], extra[a]);
-        }
+        add_to(pk1, &matmul(&kirchhoff, &inverse_transposed));
     }
 }

@@ -67,14 +67,23 @@ pub trait StressLaw<T: Real>: Send + Sync {
     fn energy_j_m3(&self, _point: &StressPoint<T>) -> Option<T> {
         None
     }
-    /// Largest viscosity, Pa s: explicit viscosity bounds the time step.
-    fn viscosity_pa_s(&self, _lame: &Lame<T>) -> f64 {
-        0.0
-    }
     /// Modulus that it adds to the elastic one at large strain, Pa: stiffness bounds the time step.
     fn modulus_pa(&self, _lame: &Lame<T>) -> f64 {
         0.0
     }
+}
+
+/// A stress that follows the rate of strain with a delay.
+pub trait MemoryLaw<T: Real>: Send + Sync {
+    /// Moves a particle's memory on by a step; `strain_rate` is that of the Green strain, 1/s. The
+    /// memory is zero at the start.
+    fn remember(&self, memory: &mut Mat3<T>, strain_rate: &Mat3<T>, dt_s: f64);
+    /// Second Piola-Kirchhoff stress, Pa.
+    fn second_piola_pa(&self, memory: &Mat3<T>, lame: &Lame<T>) -> Mat3<T>;
+    /// Viscosity while the strain changes slowly against the delay, Pa s.
+    fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64;
+    /// Modulus while it changes quickly, Pa. The law is stable in a step that is stable for either.
+    fn modulus_pa(&self, lame: &Lame<T>) -> f64;
 }
 
 /// A stress-free shape other than straight.
@@ -141,6 +150,8 @@ pub struct Physics<T> {
     pub release_delay_s: T,
     /// Stresses besides elasticity.
     pub stress_laws: Vec<Box<dyn StressLaw<T>>>,
+    /// Stresses with a memory.
+    pub memory_laws: Vec<Box<dyn MemoryLaw<T>>>,
     /// Forces besides weight and contact.
     pub force_laws: Vec<Box<dyn ForceLaw<T>>>,
     /// Changes of mass.
@@ -167,6 +178,7 @@ impl<T: Real> Physics<T> {
             friction,
             release_delay_s: T::zero(),
             stress_laws: Vec::new(),
+            memory_laws: Vec::new(),
             force_laws: Vec::new(),
             mass_laws: Vec::new(),
             path_laws: Vec::new(),

@@ -4,7 +4,7 @@ use super::clamp::{RigidMotion, STIFFNESS};
 use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
-use super::material::Material;
+use super::material::{Material, Motion};
 use super::physics::{ForcePoint, Physics};
 use super::real::Real;
 use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub};
@@ -28,6 +28,14 @@ pub struct Particle<T> {
     pub length_m: f64,
     /// Index of the grip that may hold it, and its offset from the grip's first pose, m.
     pub grip: Option<(usize, [f64; 3])>,
+}
+
+impl<T> Particle<T> {
+    /// Deformation gradient and its rate.
+    #[inline(always)]
+    pub fn motion(&self) -> Motion<'_, T> {
+        (&self.deformation_gradient, &self.deformation_rate)
+    }
 }
 
 /// Constants of a rollout that every step uses.
@@ -58,7 +66,7 @@ pub fn step<T: Real>(
     decay: f64,
 ) -> Result<(), Cause> {
     grid.clear();
-    material.prepare(context.physics, |index| &particles[index].deformation_gradient);
+    material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
         let field = momentum_field(particle, material, context, grid.spacing_m, index)?;
         scatter(index, &field, grid);
@@ -93,7 +101,7 @@ fn momentum_field<T: Real>(
     index: usize,
 ) -> Result<MomentumField<T>, Cause> {
     let f = &particle.deformation_gradient;
-    let (pk1, j) = material.piola(index, f, &particle.deformation_rate, context.physics, &context.lame);
+    let (pk1, j) = material.piola(index, particle.motion(), context.physics, &context.lame);
     if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
     }
