@@ -235,6 +235,9 @@ fn a_bent_rope_springs_back_by_its_elastic_part() {
     let rest = |list: &[(&str, &[f64])]| {
         let mut physics = with(0.4e6, list);
         physics.gravity_m_s2 = [0.0; 3];
+        let held = Scene { frame_times_s: vec![0.39], ..scene.clone() };
+        let before = curvature_per_m(&free(last_frame(&held, &physics))).norm();
+        println!("held at {before:.3} 1/m");
         curvature_per_m(&free(last_frame(&scene, &physics))).norm()
     };
     let limit = 0.03;

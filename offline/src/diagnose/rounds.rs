@@ -115,6 +115,8 @@ const EXPLAINED_SHARE: f64 = 0.7;
 /// Last share of a demonstration that is held out when no other demonstration is.
 const HELD_OUT_SHARE: f64 = 0.3;
 
+/// How many of the best scores are told while the loop runs.
+const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
 const REFIT_EVALUATIONS: usize = 10;
 
@@ -260,6 +262,11 @@ fn one_round(
 ) -> Result<(Round, Option<Winner>), FitError> {
     progress("scoring every effect of the library from one pass of tangents");
     let table = score(bench, structure, &fitted.best.theta, options)?;
+    let listed = table.scores.iter().take(LISTED);
+    let listed: Vec<String> = listed
+        .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
+        .collect();
+    progress(&format!("best scores (needed): {}", listed.join(", ")));
     let now = ResidualSummary::of(&fitted.best);
     let chosen = leading(&table, options.refits);
     progress(&format!(

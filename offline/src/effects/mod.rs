@@ -2,14 +2,39 @@
 //!
 //! # Adding an effect
 //!
-//! 1. Write `effects/<name>.rs` with `pub const SPEC: EffectSpec` (equation, source, parameters with
-//!    unit, range and the value at which the effect vanishes) and
-//!    `pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>)`, which appends the effect's
-//!    law to the list where it enters (force, stress, mass, clamp path) or changes a coefficient.
-//! 2. Add `<name>` to the line `registry!` below.
+//! One file and one word. Say that dust makes the rope heavier by a share of its own mass:
+//!
+//! 1. Write `effects/dust.rs`. It holds `pub const SPEC: EffectSpec` with equation, source, and
+//!    parameters with unit, range, the value at which the effect vanishes and the smallest size of
+//!    interest, and
+//!    ```ignore
+//!    pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
+//!        physics.mass_laws.push(Box::new(Dust { share: values[0] }));
+//!    }
+//!    ```
+//!    with a law that is generic over the number type, so that its tangents come by themselves.
+//! 2. Add `dust` to `registry!` below, and its `mod` line.
 //!
 //! Nothing else knows effects by name: simulator, fit, diagnosis and report read the registry. The
-//! laws that every effect must obey are tested over the registry in `tests/tests/effects.rs`.
+//! kinds of laws, each a list of [`Physics`] and a trait in [`crate::sim::physics`], are
+//!
+//! | an effect that changes | appends to | gives |
+//! |---|---|---|
+//! | a force on the rope | `force_laws` | N per particle, from place, velocity, tangent |
+//! | the stress by strain and its rate | `stress_laws` | Kirchhoff stress, and its energy where there is one |
+//! | the stress by the history of strain | `memory_laws` | a tensor per particle that it moves on by itself |
+//! | the shape at rest | `shape_laws` | natural curvature along the rope |
+//! | the shape for good | `flow_laws` | the factor that brings the elastic strain back |
+//! | the bending stiffness | `bending_laws` | a factor per slice |
+//! | the mass | `mass_laws` | masses of the particles |
+//! | where a grip is | `path_laws` | real pose minus recorded pose |
+//! | what is seen | `observation_laws` | shift of the clock, displacement of a point |
+//! | a coefficient | none: it changes gravity, friction or the release delay in place | |
+//!
+//! Where the slope at the vanishing value is none or useless, the parameter says so ([`Slope`]), and fit
+//! and score take a secant of the smallest size of interest. The laws that every effect must obey
+//! are tested over the registry in `tests/tests/effects.rs` without a change there; each effect
+//! is also checked against an exact result in `tests/tests/effect_physics.rs`.
 
 mod air_drag;
 mod bending_ratio;
@@ -82,6 +107,8 @@ pub struct EffectSpec {
     /// Whether what it does is free in every other effect's score, as an unknown that no effect shall
     /// be blamed for; its own score then leaves that freedom out.
     pub nuisance: bool,
+    /// Whether it leaves the rope alone and only changes what cameras report.
+    pub only_seen: bool,
     /// Parameters.
     pub parameters: &'static [ParameterSpec],
 }

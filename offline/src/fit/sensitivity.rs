@@ -1,5 +1,6 @@
 //! Predictions and how they change with each entry of θ: from tangents, in groups as large as a pass
-//! carries, and from secants where a parameter has no useful tangent ([`Slope`]).
+//! carries, from secants where a parameter has no useful tangent ([`Slope`]), and without another
+//! simulation where an effect only changes what the cameras report.
 //!
 //! A pass holds only the effects that it asks about and those that are present: one that is at its
 //! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else.
@@ -7,13 +8,16 @@
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
 use crate::model::Structure;
-use crate::sim::dual::Dual;
-use crate::sim::tensor::value3;
+use crate::sim::dual::{Dual, Float};
+use crate::sim::rollout::Track;
+use crate::sim::tensor::{Vec3, lift3, value3};
 use crate::sim::{Real, Rollout};
 use rayon::prelude::*;
 
 /// Most tangents of one pass.
 const MAX_TANGENTS: usize = 12;
+/// Lanes of the slopes of what is seen.
+const SEEN: usize = 8;
 
 /// Points, or their slopes, by frame and slice.
 type Frames = Vec<Vec<[f64; 3]>>;
@@ -37,20 +41,39 @@ enum Pass {
     Secant { column: usize, from: f64, to: f64 },
 }
 
+/// How all entries of θ are differentiated.
+struct Plan {
+    passes: Vec<Pass>,
+    /// Entries that only change what is seen.
+    seen: Vec<usize>,
+}
+
 /// What a pass found of one demonstration.
 struct Part {
     /// The prediction at θ, where the pass made one.
-    prediction: Option<(Vec<f64>, Frames)>,
+    prediction: Option<Prediction>,
     slopes: Vec<(usize, Frames)>,
 }
 
-/// How each entry of θ is differentiated.
-fn passes(structure: &Structure, theta: &[f64]) -> Vec<Pass> {
-    let info = structure.parameters();
-    let specs = structure.effects.iter().flat_map(|&e| effects::ALL[e].parameters);
-    let mut tangents: Vec<usize> = (0..info.len() - specs.clone().count()).collect();
-    let mut secants = Vec::new();
-    for (spec, column) in specs.zip(tangents.len()..) {
+/// A prediction without tangents.
+struct Prediction {
+    arc_m: Vec<f64>,
+    frames: Frames,
+    tracks: Vec<Track<f64>>,
+}
+
+fn plan(structure: &Structure, theta: &[f64]) -> Plan {
+    let specs = structure.effects.iter().flat_map(|&e| {
+        let parameters = effects::ALL[e].parameters.iter();
+        parameters.map(move |p| (p, effects::ALL[e].only_seen))
+    });
+    let mut tangents: Vec<usize> = (0..theta.len() - specs.clone().count()).collect();
+    let (mut secants, mut seen) = (Vec::new(), Vec::new());
+    for ((spec, only_seen), column) in specs.zip(tangents.len()..) {
+        if only_seen {
+            seen.push(column);
+            continue;
+        }
         let value = theta[column];
         let step = spec.smallest_of_interest;
         let secant = match spec.slope {
@@ -72,7 +95,7 @@ fn passes(structure: &Structure, theta: &[f64]) -> Vec<Pass> {
     let size = tangents.len().div_ceil(groups);
     let mut passes: Vec<Pass> = tangents.chunks(size).map(|c| Pass::Tangents(c.to_vec())).collect();
     passes.extend(secants);
-    passes
+    Plan { passes, seen }
 }
 
 /// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,
@@ -105,7 +128,7 @@ impl Problem<'_> {
     /// # Errors
     /// A simulation stopped.
     pub(super) fn traces(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Trace>, FitError> {
-        let passes = passes(structure, theta);
+        let Plan { passes, seen } = plan(structure, theta);
         let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
             .flat_map(|d| passes.iter().map(move |pass| (d, pass)))
             .collect();
@@ -115,23 +138,55 @@ impl Problem<'_> {
             .collect::<Result<_, _>>()?;
         let mut parts = parts.into_iter();
         Ok((0..self.demos.len())
-            .map(|_| {
-                let mut trace = Trace {
-                    arc_m: Vec::new(),
-                    frames: Vec::new(),
-                    slopes: vec![Vec::new(); theta.len()],
-                };
+            .map(|demo| {
+                let mut prediction = None;
+                let mut slopes = vec![Vec::new(); theta.len()];
                 for part in parts.by_ref().take(passes.len()) {
-                    if let (Some((arc_m, frames)), true) = (part.prediction, trace.arc_m.is_empty()) {
-                        (trace.arc_m, trace.frames) = (arc_m, frames);
-                    }
+                    prediction = prediction.or(part.prediction);
                     for (column, frames) in part.slopes {
-                        trace.slopes[column] = frames;
+                        slopes[column] = frames;
                     }
                 }
-                trace
+                let prediction = prediction.expect("the first pass predicts");
+                for columns in seen.chunks(SEEN) {
+                    for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {
+                        slopes[column] = frames;
+                    }
+                }
+                Trace {
+                    arc_m: prediction.arc_m,
+                    frames: prediction.frames,
+                    slopes,
+                }
             })
             .collect())
+    }
+
+    /// Slopes of what the cameras report of a known motion.
+    fn seen_slopes(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        columns: &[usize],
+        prediction: &Prediction,
+    ) -> Vec<(usize, Frames)> {
+        let inputs = inputs::<f64, SEEN>(theta, columns, 0..theta.len());
+        let physics = structure.physics(&inputs, 0.0);
+        let pivot_m = self.scenes[demo].start_m;
+        let lifted = |points: &[[f64; 3]]| points.iter().map(|&p| lift3(p)).collect();
+        let frames: Vec<Vec<Vec3<Dual<f64, SEEN>>>> = prediction
+            .tracks
+            .iter()
+            .map(|track| {
+                let track = Track {
+                    points_m: lifted(&track.points_m),
+                    velocities_m_s: lifted(&track.velocities_m_s),
+                };
+                track.seen(&physics, pivot_m)
+            })
+            .collect();
+        tangents_of(&frames, columns)
     }
 
     fn part(&self, demo: usize, structure: &Structure, theta: &[f64], pass: &Pass) -> Result<Part, FitError> {
@@ -155,27 +210,9 @@ impl Problem<'_> {
         columns: &[usize],
     ) -> Result<Part, FitError> {
         let (kept, places) = needed(structure, theta, columns);
-        let inputs: Vec<Dual<f32, N>> = places
-            .iter()
-            .map(|&k| match columns.iter().position(|&c| c == k) {
-                Some(lane) => Dual::input(theta[k], lane),
-                None => Dual::of(theta[k]),
-            })
-            .collect();
+        let inputs = inputs::<f32, N>(theta, columns, places);
         let rollout = self.rollout(demo, &kept, &inputs)?;
-        let slopes = columns
-            .iter()
-            .enumerate()
-            .map(|(lane, &column)| {
-                let slope = |point: &[Dual<f32, N>; 3]| point.map(|x| f64::from(x.tangent[lane]));
-                let frames = rollout
-                    .frames
-                    .iter()
-                    .map(|f| f.iter().map(slope).collect())
-                    .collect();
-                (column, frames)
-            })
-            .collect();
+        let slopes = tangents_of(&rollout.frames, columns);
         Ok(Part {
             prediction: Some(values(rollout)),
             slopes,
@@ -194,7 +231,7 @@ impl Problem<'_> {
             let (kept, places) = needed(structure, theta, &[column]);
             let entry = |&k: &usize| if k == column { value } else { theta[k] } as f32;
             let inputs: Vec<f32> = places.iter().map(entry).collect();
-            self.rollout(demo, &kept, &inputs).map(|r| values(r).1)
+            self.rollout(demo, &kept, &inputs).map(|r| values(r).frames)
         };
         let (from, to) = rayon::join(|| at(ends[0]), || at(ends[1]));
         let (from, to) = (from?, to?);
@@ -212,14 +249,46 @@ impl Problem<'_> {
     }
 }
 
-/// The values of a rollout: arc lengths and centrelines.
-fn values<T: Real>(rollout: Rollout<T>) -> (Vec<f64>, Frames) {
-    let frames = rollout
-        .frames
+/// The entries of θ at `places`, those of `columns` as inputs with a lane each.
+fn inputs<F: Float, const N: usize>(
+    theta: &[f64],
+    columns: &[usize],
+    places: impl IntoIterator<Item = usize>,
+) -> Vec<Dual<F, N>> {
+    let input = |k: usize| match columns.iter().position(|&c| c == k) {
+        Some(lane) => Dual::input(theta[k], lane),
+        None => Dual::of(theta[k]),
+    };
+    places.into_iter().map(input).collect()
+}
+
+/// The tangents of frames, lane by lane.
+fn tangents_of<F: Float, const N: usize>(
+    frames: &[Vec<Vec3<Dual<F, N>>>],
+    columns: &[usize],
+) -> Vec<(usize, Frames)> {
+    columns
         .iter()
-        .map(|frame| frame.iter().map(|&point| value3(point)).collect())
-        .collect();
-    (rollout.arc_m, frames)
+        .enumerate()
+        .map(|(lane, &column)| {
+            let slope = |point: &[Dual<F, N>; 3]| point.map(|x| x.tangent[lane].value());
+            (column, frames.iter().map(|f| f.iter().map(slope).collect()).collect())
+        })
+        .collect()
+}
+
+/// The values of a rollout.
+fn values<T: Real>(rollout: Rollout<T>) -> Prediction {
+    let plain = |points: &Vec<Vec3<T>>| points.iter().map(|&point| value3(point)).collect();
+    let track = |track: &Track<T>| Track {
+        points_m: plain(&track.points_m),
+        velocities_m_s: plain(&track.velocities_m_s),
+    };
+    Prediction {
+        frames: rollout.frames.iter().map(plain).collect(),
+        tracks: rollout.tracks.iter().map(track).collect(),
+        arc_m: rollout.arc_m,
+    }
 }
 
 #[cfg(test)]
@@ -236,8 +305,7 @@ mod tests {
             effects: (0..effects::ALL.len()).collect(),
         };
         let theta = structure.start(1e6);
-        let passes = passes(&structure, &theta);
-        let mut seen = Vec::new();
+        let Plan { passes, mut seen } = plan(&structure, &theta);
         for pass in &passes {
             match pass {
                 Pass::Tangents(columns) => {
@@ -271,7 +339,7 @@ mod tests {
         let structure = Structure {
             effects: vec![index("steady_wind")],
         };
-        let at = |q: f64| passes(&structure, &[14.0, 0.3, q, q]).len();
+        let at = |q: f64| plan(&structure, &[14.0, 0.3, q, q]).passes.len();
         assert_eq!((at(0.0), at(4.0)), (3, 1));
     }
 }

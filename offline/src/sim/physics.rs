@@ -189,6 +189,15 @@ impl<T: Real> Physics<T> {
         }
     }
 
+    /// What the cameras' clock shows above the robot's, s.
+    pub fn clock_offset_s(&self) -> T {
+        let mut sum = T::zero();
+        for law in &self.observation_laws {
+            sum += law.clock_offset_s();
+        }
+        sum
+    }
+
     /// Elastic moduli.
     pub fn lame(&self) -> Lame<T> {
         Lame::new(self.young_pa, self.poisson)

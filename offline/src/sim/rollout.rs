@@ -16,8 +16,10 @@ use crate::demo::RopeEnd;
 /// What a simulation returns.
 #[derive(Clone, Debug)]
 pub struct Rollout<T> {
-    /// Centreline per recorded time: one point per slice, m.
+    /// Centreline per recorded time as the cameras report it: one point per slice, m.
     pub frames: Vec<Vec<Vec3<T>>>,
+    /// The same as it was, at the time when the frame was taken.
+    pub tracks: Vec<Track<T>>,
     /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
     /// zero at the start and where a grip is open.
     pub grip_forces_n: Vec<Vec<Vec3<T>>>,
@@ -29,6 +31,50 @@ pub struct Rollout<T> {
     pub steps: usize,
     /// Time step, s.
     pub dt_s: f64,
+}
+
+/// A centreline in motion.
+#[derive(Clone, Debug)]
+pub struct Track<T> {
+    /// One point per slice, m.
+    pub points_m: Vec<Vec3<T>>,
+    /// Their velocities, m/s.
+    pub velocities_m_s: Vec<Vec3<T>>,
+}
+
+impl<T: Real> Track<T> {
+    fn of(particles: &[Particle<T>], section: usize, ahead_s: f64) -> Self {
+        let share = 1.0 / section as f64;
+        let points_m = |slice: &[Particle<T>]| {
+            let ahead = |p: &Particle<T>| add(p.position_m, scaled(p.velocity_m_s, ahead_s));
+            scaled(slice.iter().fold(zero3(), |sum, p| add(sum, ahead(p))), share)
+        };
+        let velocity_m_s = |slice: &[Particle<T>]| {
+            scaled(slice.iter().fold(zero3(), |sum, p| add(sum, p.velocity_m_s)), share)
+        };
+        Self {
+            points_m: particles.chunks(section).map(points_m).collect(),
+            velocities_m_s: particles.chunks(section).map(velocity_m_s).collect(),
+        }
+    }
+
+    /// What the cameras report of it. The clocks' offset has chosen the time already; what is left of
+    /// it here are its tangents.
+    pub fn seen(&self, physics: &Physics<T>, pivot_m: [f64; 3]) -> Vec<Vec3<T>> {
+        let mut frame = self.points_m.clone();
+        if physics.observation_laws.is_empty() {
+            return frame;
+        }
+        let offset_s = physics.clock_offset_s();
+        let tangents_s = T::of(offset_s.value()) - offset_s;
+        for (point, &velocity) in frame.iter_mut().zip(&self.velocities_m_s) {
+            *point = add(*point, mul(velocity, tangents_s));
+            for law in &physics.observation_laws {
+                *point = add(*point, law.displacement_m(*point, pivot_m));
+            }
+        }
+        frame
+    }
 }
 
 /// Particles of the undeformed rope at rest.
@@ -108,7 +154,7 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     let mut grid = Grid::new(&layout, scene.grid, &masses);
     let mut recorder = Recorder::new(scene, physics, &layout);
     // A camera's clock that is behind sees the rope later than it says.
-    let late_s = (-recorder.clock_offset_s.value()).max(0.0);
+    let late_s = (-recorder.clock_offset_s).max(0.0);
     let steps = scene.steps(dt_s, late_s, particles.len())?;
     recorder.record(&particles, &vec![None; scene.grips.len()], 0.0, dt_s);
     for number in 0..steps {
@@ -131,6 +177,7 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     }
     Ok(Rollout {
         frames: recorder.frames,
+        tracks: recorder.tracks,
         grip_forces_n: recorder.grip_forces_n,
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: recorder.reach_m,
@@ -265,25 +312,23 @@ pub fn grip_motions<T: Real>(
 struct Recorder<'a, T> {
     scene: &'a Scene,
     physics: &'a Physics<T>,
-    clock_offset_s: T,
+    clock_offset_s: f64,
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
+    tracks: Vec<Track<T>>,
     grip_forces_n: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
     fn new(scene: &'a Scene, physics: &'a Physics<T>, layout: &RopeLayout) -> Self {
-        let mut clock_offset_s = T::zero();
-        for law in &physics.observation_laws {
-            clock_offset_s += law.clock_offset_s();
-        }
         Self {
             scene,
             physics,
-            clock_offset_s,
+            clock_offset_s: physics.clock_offset_s().value(),
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
+            tracks: Vec::with_capacity(scene.frame_times_s.len()),
             grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
         }
@@ -298,20 +343,14 @@ impl<'a, T: Real> Recorder<'a, T> {
     ) {
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             // Before the start the rope lies as at the start.
-            let due = (due - self.clock_offset_s.value()).max(0.0);
+            let due = (due - self.clock_offset_s).max(0.0);
             if due > now_s + 1e-12 {
                 break;
             }
-            // Frames fall between steps: go back along the velocity, less than one step. The offset's
-            // tangents go along, without its value.
-            let ahead_s = T::of(due - now_s) + (T::of(self.clock_offset_s.value()) - self.clock_offset_s);
-            let mut points = centreline(particles, self.section, ahead_s);
-            for point in &mut points {
-                for law in &self.physics.observation_laws {
-                    *point = add(*point, law.displacement_m(*point, self.scene.start_m));
-                }
-            }
-            self.frames.push(points);
+            // Frames fall between steps: go back along the velocity, less than one step.
+            let track = Track::of(particles, self.section, due - now_s);
+            self.frames.push(track.seen(self.physics, self.scene.start_m));
+            self.tracks.push(track);
             self.grip_forces_n.push(grip_forces_n(particles, motions, dt_s));
         }
         if now_s >= self.scene.score_from_s {
@@ -338,19 +377,6 @@ impl<'a, T: Real> Recorder<'a, T> {
         );
         last + (last - before).scale(0.5)
     }
-}
-
-fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: T) -> Vec<Vec3<T>> {
-    particles
-        .chunks(section)
-        .map(|slice| {
-            let mut sum = zero3();
-            for p in slice {
-                sum = add(sum, add(p.position_m, mul(p.velocity_m_s, ahead_s)));
-            }
-            scaled(sum, 1.0 / section as f64)
-        })
-        .collect()
 }
 
 /// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a
