@@ -83,7 +83,9 @@ fn survives(rounds: u64) {
         most_files = most_files.max(shared_memory_files(&world));
         kill(&mut next);
     }
-    println!("{rounds} rounds: slowest restart {slowest:?}, {late} beyond {RESTART_MAX:?}, at most {most_files} files of shared memory");
+    println!(
+        "{rounds} rounds: slowest restart {slowest:?}, {late} beyond {RESTART_MAX:?}, at most {most_files} files of shared memory"
+    );
     // Every start clears away what came before: what exists does not grow with the rounds.
     assert!(most_files < 200, "{most_files} files");
     let _controller = world.controller(&[]);

@@ -59,7 +59,9 @@ fn watch(shared: &Shared, period_s: f64) {
     let mut check = LimitCheck::new(period_s);
     while shared.goes_on() {
         while let Some(target) = client.next_target().expect("targets come") {
-            check.push(&target).expect("no limit is broken and no target is lost");
+            check
+                .push(&target)
+                .expect("no limit is broken and no target is lost");
             shared.targets.fetch_add(1, Ordering::Relaxed);
         }
         std::thread::sleep(Duration::from_millis(5));
@@ -178,7 +180,9 @@ fn is_right(status: &Status, goal: &Goal, expected: Reason, always: bool) -> boo
 fn status_where(client: &mut Client, wanted: impl Fn(&Status) -> bool) -> Option<Status> {
     let start = Instant::now();
     while start.elapsed() < PATIENCE {
-        let status = client.wait_status(Duration::from_millis(100)).expect("statuses come");
+        let status = client
+            .wait_status(Duration::from_millis(100))
+            .expect("statuses come");
         if let Some(status) = status.filter(|status| wanted(status)) {
             return Some(status);
         }
@@ -288,10 +292,17 @@ fn soak(plan: &Plan) -> String {
         }
         let (accepted, wrong) = send_goals(plan, client);
         drop(ends);
-        assert!(terminate(&mut controller), "a signal ends the controller with code 0");
+        assert!(
+            terminate(&mut controller),
+            "a signal ends the controller with code 0"
+        );
         let log = std::fs::read_to_string(world.path("log")).expect("a log");
-        let last: Vec<&str> = log.lines().rev().take(5).collect();
-        (accepted, wrong, last.into_iter().rev().collect::<Vec<_>>().join("\n"))
+        let last: Vec<&str> = log.lines().rev().take(6).collect();
+        (
+            accepted,
+            wrong,
+            last.into_iter().rev().collect::<Vec<_>>().join("\n"),
+        )
     });
     println!(
         "{} goals, {accepted} accepted, {} wrong answers; {} targets checked; {} clients killed\n{last}",

@@ -40,7 +40,8 @@ impl LimitCheck {
         }
         let period_s = self.period_s;
         for i in 0..JOINTS {
-            let speed = |newer: &JointTarget, older: &JointTarget| (newer.q_rad[i] - older.q_rad[i]) / period_s;
+            let speed =
+                |newer: &JointTarget, older: &JointTarget| (newer.q_rad[i] - older.q_rad[i]) / period_s;
             let (v0, v1, v2) = (speed(target, &a), speed(&a, &b), speed(&b, &c));
             let (a0, a1) = ((v0 - v1) / period_s, (v1 - v2) / period_s);
             let shares = [
