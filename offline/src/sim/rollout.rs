@@ -91,6 +91,9 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     scene.check()?;
     let layout = scene.layout();
     let density = scene.rope.density_kg_m3();
+    let dt_s = time_step_s(scene, physics);
+    // Before anything of the size of the rope is built.
+    let steps = scene.steps(dt_s, layout.particles())?;
     let mut masses: Vec<T> = (0..layout.particles())
         .map(|p| T::of(density * layout.particle_volume_m3(p)))
         .collect();
@@ -98,16 +101,9 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         law.change_masses_kg(&layout, &mut masses);
     }
     let mut particles = initial_particles(scene, &layout, &masses);
-    let lame = physics.lame();
-    let viscosity = physics
-        .stress_laws
-        .iter()
-        .map(|law| law.viscosity_pa_s(&lame))
-        .fold(0.0, f64::max);
-    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
     let context = StepContext {
         physics,
-        lame,
+        lame: physics.lame(),
         dt_s,
         diameter_m: scene.rope.diameter_m,
         table_m: scene.table.map(|t| t.height_m),
@@ -115,7 +111,6 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     };
     let mut grid = Grid::new(&layout, scene.grid, &masses);
     let mut recorder = Recorder::new(scene, &layout);
-    let steps = scene.steps(dt_s, particles.len())?;
     recorder.record(&particles, &vec![None; scene.grips.len()], 0.0, dt_s);
     for number in 0..steps {
         let t_s = number as f64 * dt_s;
@@ -127,7 +122,13 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         // An instability takes many steps to grow; the last state is always looked at.
         let look = number % CHECK_EVERY == 0 || number + 1 == steps;
         step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| if look { check_state(&particles, &context, scene) } else { Ok(()) })
+            .and_then(|()| {
+                if look {
+                    check_state(&particles, &context, scene)
+                } else {
+                    Ok(())
+                }
+            })
             .map_err(|cause| SimError {
                 step: number,
                 t_s,
@@ -143,6 +144,13 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         steps,
         dt_s,
     })
+}
+
+/// The time step of a scene with a physics, s.
+pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    let lame = physics.lame();
+    let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
+    scene.time_step_s(lame.p_wave_modulus().value(), viscosities.fold(0.0, f64::max))
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
