@@ -115,13 +115,16 @@ impl Scene {
                 };
                 std::array::from_fn(|k| p[k] - back * direction[k])
             }
-            None => [0.0, 0.0, spec.table.height_m + 0.5 * rope.diameter_m],
+            None => {
+                let floor_m = spec.table.as_ref().map_or(0.0, |table| table.height_m);
+                [0.0, 0.0, floor_m + 0.5 * rope.diameter_m]
+            }
         };
         let frame_times_s = demo.times_s();
-        let table = Table {
-            height_m: spec.table.height_m,
-        };
-        Self::new(rope, start_m, direction, grips, Some(table), cells, frame_times_s)
+        let table = spec.table.as_ref().map(|table| Table {
+            height_m: table.height_m,
+        });
+        Self::new(rope, start_m, direction, grips, table, cells, frame_times_s)
     }
 
     /// The swing task with the true motion of the robot: drag at `limits`, dwell, open.
