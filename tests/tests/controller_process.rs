@@ -5,6 +5,7 @@ mod controller_world;
 use controller::sample;
 use controller_world::limit_check::limits_hold_at;
 use controller_world::{PATIENCE, World, await_status, idle, program, terminate};
+use offline::demo::{Demo, SceneKind};
 use shared::arm;
 use shared::messages::{CommandKind, Gripper, JointTarget, Phase, Reason};
 use std::path::Path;
@@ -57,6 +58,44 @@ fn a_goal_becomes_the_whole_motion() {
         "a signal ends the controller with code 0"
     );
     assert_replays(&recording);
+    assert_becomes_a_demo(&recording, release_m);
+}
+
+/// The recording is a demonstration of what the arm did: a rope that is dragged to the release point and
+/// let go there, in a folder that reads back.
+fn assert_becomes_a_demo(recording: &Path, release_m: [f64; 2]) {
+    let demos = offline::demo::recording(recording, None).expect("a demonstration");
+    assert_eq!(demos.len(), 1);
+    let folder = recording.with_file_name("demo");
+    demos[0].save(&folder).expect("saved");
+    let demo = Demo::load(&folder).expect("it reads back");
+    assert_eq!(demo.spec.scene, SceneKind::Swing);
+    let blob = sample::blob();
+    let rope = &blob.ropes[0];
+    assert_eq!(demo.spec.rope.length_m, rope.length_m);
+    let hanging_m = blob.task.hanging_tip_m(rope.length_m);
+    let commanded = demo.commanded[1].as_ref().expect("both paths are recorded");
+    for path in [&demo.clamps[1], commanded] {
+        let release = path
+            .iter()
+            .rposition(|sample| sample.closed)
+            .expect("it was held");
+        assert!(path.len() > release + 1, "it was let go");
+        for (sample, wanted_m) in [(&path[0], hanging_m), (&path[release], release_m)] {
+            let [x, y, z] = sample.position_m;
+            // The simulated arm lags 20 ms behind at rest by nothing; the solver's tolerance is far below.
+            assert!(
+                (x - wanted_m[0]).hypot(z - wanted_m[1]) < 1e-3 && y.abs() < 1e-6,
+                "{sample:?} {wanted_m:?}"
+            );
+        }
+    }
+    let seen = demo.times_s();
+    assert!(seen.len() > 50, "the gripped end is seen: {}", seen.len());
+    // Camera times on another clock are refused, not taken for something else.
+    let error =
+        offline::demo::recording(recording, Some(&folder)).expect_err("the demo's clock starts at zero");
+    assert!(error.to_string().contains("CLOCK_MONOTONIC"), "{error}");
 }
 
 /// The program itself replays the recording bit for bit.
