@@ -9,6 +9,7 @@ use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Settling, Table};
 use offline::sim::tensor::value3;
 use offline::sim::{Cause, Dual, Physics, Real, Rollout, simulate};
+use tests::derivatives::{Slope, slope};
 use tests::stepper::{Stepper, matrix, rows};
 
 const G: f64 = 9.81;
@@ -487,31 +488,13 @@ fn tangents_are_the_slopes_of_a_lift() {
     let dual = lift_at::<Dual<f64, 3>>(std::array::from_fn(|k| Dual::input(theta[k], k)));
     for k in 0..3 {
         let h = 1e-6;
-        let shifted = |sign: f64| {
+        let sides = [-1.0, 1.0].map(|sign| {
             let mut moved = theta;
             moved[k] += sign * h;
             lift_at(moved)
-        };
-        let (plus, minus) = (shifted(1.0), shifted(-1.0));
-        assert!(
-            plus.dt_s == minus.dt_s,
-            "the step must not depend on the parameter"
-        );
-        let (mut wrong, mut size) = (0.0, 0.0);
-        for (f, frame) in dual.frames.iter().enumerate() {
-            for (p, point) in frame.iter().enumerate() {
-                for c in 0..3 {
-                    let slope = (plus.frames[f][p][c] - minus.frames[f][p][c]) / (2.0 * h);
-                    wrong += (point[c].tangent[k] - slope).powi(2);
-                    size += slope * slope;
-                }
-            }
-        }
-        let error = (wrong / size).sqrt();
-        println!(
-            "tangent {k}: size {:.2e} m, relative error {error:.2e}",
-            size.sqrt()
-        );
+        });
+        let Slope { size, error } = slope((&dual, k), 0..dual.frames.len(), &sides, h);
+        println!("tangent {k}: size {size:.2e} m, relative error {error:.2e}");
         assert!(size > 0.0 && error < 1e-4, "tangent {k}: {error:.2e}");
     }
 }

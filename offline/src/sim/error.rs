@@ -45,6 +45,16 @@ pub enum Cause {
         /// Free length of rope between them, m.
         length_m: f64,
     },
+    /// A gradient does not fit into the memory that it may use.
+    #[error(
+        "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"
+    )]
+    Memory {
+        /// The least that would do.
+        needed_bytes: usize,
+        /// What was allowed.
+        budget_bytes: usize,
+    },
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]
     BadParameter {

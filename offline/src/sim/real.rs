@@ -67,6 +67,33 @@ pub trait Real:
     }
 }
 
+/// Three numbers side by side: the packed vector of number types that have no vector register.
+#[derive(Clone, Copy, Debug)]
+pub struct Triple<T>(pub(super) [T; 3]);
+
+impl<T: Real> Add for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
+    }
+}
+
+impl<T: Real> Sub for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
+    }
+}
+
+impl<T: Real> AddAssign for Triple<T> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
+}
+
 /// Newton's iteration R ← (R + R⁻ᵀ)/2 from F (Higham 1986). Rope strains are small, so it converges
 /// quadratically in three or four rounds; `tolerance` bounds the last change of an entry.
 #[inline(always)]

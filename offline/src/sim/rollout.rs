@@ -3,12 +3,12 @@
 use super::clamp::RigidMotion;
 use super::error::{Cause, SimError};
 use super::grid::Grid;
-use super::physics::Physics;
+use super::physics::{Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::Scene;
+use super::scene::{Grip, Scene};
 use super::step::{Particle, StepContext, step};
-use super::tensor::{Vec3, add, scaled, sub, zero3};
+use super::tensor::{Vec3, add, mul, scaled, sub, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -84,58 +84,159 @@ unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollo
 
 #[inline(always)]
 fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    check_parameters(physics)?;
-    let layout = scene.layout();
-    let density = scene.rope.density_kg_m3();
-    let mut masses: Vec<T> = (0..layout.particles())
-        .map(|p| T::of(density * layout.particle_volume_m3(p)))
-        .collect();
-    for law in &physics.mass_laws {
-        law.change_masses_kg(&layout, &mut masses);
+    let setup = Setup::new(scene, physics)?;
+    let mut grid = setup.grid();
+    let mut particles = setup.particles();
+    let mut recorder = Recorder::new(scene, &setup.layout);
+    recorder.record(&particles, 0, 0.0);
+    for number in 0..setup.steps {
+        setup.advance(&mut particles, &mut grid, number)?;
+        recorder.record(&particles, number + 1, setup.time_s(number + 1));
     }
-    let mut particles = initial_particles(scene, &layout, &masses);
-    let lame = physics.lame();
-    let viscosity = physics
-        .stress_laws
-        .iter()
-        .map(|law| law.viscosity_pa_s(&lame))
-        .fold(0.0, f64::max);
-    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
-    let context = StepContext {
-        physics,
-        lame,
-        dt_s,
-        diameter_m: scene.rope.diameter_m,
-        table_m: scene.table.map(|t| t.height_m),
-        section: layout.section_m.len(),
-    };
-    let mut grid = Grid::new(&layout, scene.grid, &masses);
-    let mut recorder = Recorder::new(scene, &layout);
-    let steps = (scene.duration_s / dt_s).ceil() as usize;
-    recorder.record(&particles, 0.0);
-    for number in 0..steps {
-        let t_s = number as f64 * dt_s;
-        let motions = grip_motions(scene, physics, t_s, dt_s);
-        let decay = match scene.settling {
-            Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
-            _ => 1.0,
+    Ok(recorder.finish(&setup))
+}
+
+/// What a rollout fixes before its first step.
+pub(super) struct Setup<'a, T> {
+    pub(super) scene: &'a Scene,
+    pub(super) layout: RopeLayout,
+    pub(super) masses_kg: Vec<T>,
+    pub(super) context: StepContext<'a, T>,
+    pub(super) steps: usize,
+}
+
+impl<'a, T: Real> Setup<'a, T> {
+    pub(super) fn new(scene: &'a Scene, physics: &'a Physics<T>) -> Result<Self, SimError> {
+        check_parameters(physics)?;
+        let layout = scene.layout();
+        let density = scene.rope.density_kg_m3();
+        let mut masses_kg: Vec<T> = (0..layout.particles())
+            .map(|p| T::of(density * layout.particle_volume_m3(p)))
+            .collect();
+        for law in &physics.mass_laws {
+            law.change_masses_kg(&layout, &mut masses_kg);
+        }
+        let lame = physics.lame();
+        let viscosity = physics
+            .stress_laws
+            .iter()
+            .map(|law| law.viscosity_pa_s(&lame))
+            .fold(0.0, f64::max);
+        let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
+        let context = StepContext {
+            physics,
+            lame,
+            dt_s,
+            diameter_m: scene.rope.diameter_m,
+            table_m: scene.table.map(|t| t.height_m),
+            section: layout.section_m.len(),
         };
-        step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| check_speed(&particles, scene.grid.spacing_m / dt_s, number))
+        Ok(Self {
+            scene,
+            masses_kg,
+            steps: (scene.duration_s / dt_s).ceil() as usize,
+            layout,
+            context,
+        })
+    }
+
+    pub(super) fn grid(&self) -> Grid<T> {
+        Grid::new(&self.layout, self.scene.grid, &self.masses_kg)
+    }
+
+    pub(super) fn particles(&self) -> Vec<Particle<T>> {
+        initial_particles(self.scene, &self.layout, &self.masses_kg)
+    }
+
+    /// Time at the start of a step, s.
+    pub(super) fn time_s(&self, step: usize) -> f64 {
+        step as f64 * self.context.dt_s
+    }
+
+    /// Factor on every velocity in a step.
+    pub(super) fn decay(&self, step: usize) -> f64 {
+        match self.scene.settling {
+            Some(settling) if self.time_s(step) < settling.until_s => {
+                (-settling.rate_per_s * self.context.dt_s).exp()
+            }
+            _ => 1.0,
+        }
+    }
+
+    /// One step, with the kicks of the force field and the watch over speeds.
+    #[inline(always)]
+    pub(super) fn advance(
+        &self,
+        particles: &mut [Particle<T>],
+        grid: &mut Grid<T>,
+        number: usize,
+    ) -> Result<(), SimError> {
+        let dt_s = self.context.dt_s;
+        let motions = self.motions(number);
+        if let Some(force_n_m) = self.block_of_forces(number) {
+            kick(particles, force_n_m, self.context.section, dt_s);
+        }
+        step(particles, grid, &self.context, &motions, self.decay(number))
+            .and_then(|()| check_speed(particles, self.scene.grid.spacing_m / dt_s, number))
             .map_err(|cause| SimError {
                 step: number,
-                t_s,
+                t_s: self.time_s(number),
                 cause,
-            })?;
-        recorder.record(&particles, t_s + dt_s);
+            })
     }
-    Ok(Rollout {
-        frames: recorder.frames,
-        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
-        reach_m: recorder.reach_m,
-        steps,
-        dt_s,
-    })
+
+    /// Forces per length of the slices during a step.
+    pub(super) fn block_of_forces(&self, number: usize) -> Option<&[Vec3<T>]> {
+        let field = self.context.physics.force_field.as_ref()?;
+        Some(&field.force_n_m[field.block(self.time_s(number))?])
+    }
+
+    /// Motion of each closed grip at the end of a step.
+    pub(super) fn motions(&self, number: usize) -> Vec<Option<RigidMotion<T>>> {
+        let physics = self.context.physics;
+        let motion = |(index, grip): (usize, &Grip)| {
+            let (path, first) = (&grip.path, grip.path.knots()[0].pose);
+            if !path.closed(self.time_s(number)) {
+                return None;
+            }
+            let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
+            let recorded = |t: T| match shift {
+                Some(shift) => path.shifted_pose(shift, t),
+                None => path.pose(t),
+            };
+            let start: Pose<T> = match shift {
+                Some(shift) => std::array::from_fn(|k| T::of(first[k]) + shift.knots[0].pose[k]),
+                None => first.map(T::of),
+            };
+            let held_m = [first[0], first[1], first[2]];
+            let t_s = self.time_s(number) + self.context.dt_s;
+            Some(RigidMotion::at(
+                &recorded,
+                &start,
+                held_m,
+                &physics.path_laws,
+                t_s,
+            ))
+        };
+        self.scene.grips.iter().enumerate().map(motion).collect()
+    }
+}
+
+/// Gives the particles the momentum of a step under forces per length of the slices, N/m.
+fn kick<T: Real>(particles: &mut [Particle<T>], force_n_m: &[Vec3<T>], section: usize, dt_s: f64) {
+    for (slice, &force) in particles.chunks_mut(section).zip(force_n_m) {
+        for p in slice {
+            p.velocity_m_s = add(p.velocity_m_s, kick_m_s(p, force, dt_s));
+        }
+    }
+}
+
+/// What a force per length does to a particle's velocity in a step.
+pub(super) fn kick_m_s<T: Real>(particle: &Particle<T>, force_n_m: Vec3<T>, dt_s: f64) -> Vec3<T> {
+    mul(
+        scaled(force_n_m, dt_s * particle.length_m),
+        T::one() / particle.mass_kg,
+    )
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
@@ -177,54 +278,53 @@ fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usi
     Ok(())
 }
 
-fn grip_motions<T: Real>(
-    scene: &Scene,
-    physics: &Physics<T>,
-    t_s: f64,
-    dt_s: f64,
-) -> Vec<Option<RigidMotion<T>>> {
-    scene
-        .grips
-        .iter()
-        .map(|grip| {
-            grip.path.closed(t_s).then(|| {
-                let pose = grip.path.real_pose(&physics.path_laws, t_s + dt_s);
-                RigidMotion::between(&grip.path.knots()[0].pose, &pose)
-            })
-        })
-        .collect()
+/// Where a frame lies: after which step, and how far from its end (within the last step, so negative).
+#[derive(Clone, Copy)]
+pub(super) struct FrameMark {
+    pub(super) state: usize,
+    pub(super) ahead_s: f64,
 }
 
 /// Takes down the centreline at the scene's frame times and the tip's reach.
-struct Recorder<'a, T> {
+pub(super) struct Recorder<'a, T> {
     scene: &'a Scene,
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
+    /// Where each frame was taken.
+    pub(super) marks: Vec<FrameMark>,
+    /// After which step the tip reached furthest.
+    pub(super) reach_state: usize,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
-    fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
+    pub(super) fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
         Self {
             scene,
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
+            marks: Vec::new(),
+            reach_state: 0,
         }
     }
 
-    fn record(&mut self, particles: &[Particle<T>], now_s: f64) {
+    /// Looks at the rope after `state` steps.
+    pub(super) fn record(&mut self, particles: &[Particle<T>], state: usize, now_s: f64) {
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
-            self.frames.push(centreline(particles, self.section, due - now_s));
+            let ahead_s = due - now_s;
+            self.frames.push(centreline(particles, self.section, ahead_s));
+            self.marks.push(FrameMark { state, ahead_s });
         }
         if now_s >= self.scene.score_from_s {
             let tip = self.tip_x(particles);
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
+                self.reach_state = state;
             }
         }
     }
@@ -244,6 +344,16 @@ impl<'a, T: Real> Recorder<'a, T> {
             mean(n - 2 * self.section..n - self.section),
         );
         last + (last - before).scale(0.5)
+    }
+
+    pub(super) fn finish(&mut self, setup: &Setup<T>) -> Rollout<T> {
+        Rollout {
+            frames: std::mem::take(&mut self.frames),
+            arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
+            reach_m: self.reach_m,
+            steps: setup.steps,
+            dt_s: setup.context.dt_s,
+        }
     }
 }
 

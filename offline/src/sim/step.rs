@@ -58,7 +58,7 @@ pub fn step<T: Real>(
     grid.clear();
     for (index, particle) in particles.iter().enumerate() {
         let field = momentum_field(particle, context, grid.spacing_m, index)?;
-        scatter(index, &field, grid);
+        scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.nodes);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
             scatter_clamp(index, stiffness, velocity, grid);
         }
@@ -76,9 +76,9 @@ pub fn step<T: Real>(
 /// Momentum that a particle gives to a node at the undeformed offset d:
 /// w (m v + dt f + (m Ḟ − dt V P 4/dx²) d), Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff
 /// stress P in place of the Kirchhoff stress because offsets are undeformed.
-struct MomentumField<T> {
-    at_particle: Vec3<T>,
-    slope: Mat3<T>,
+pub(super) struct MomentumField<T> {
+    pub(super) at_particle: Vec3<T>,
+    pub(super) slope: Mat3<T>,
 }
 
 #[inline(always)]
@@ -104,20 +104,27 @@ fn momentum_field<T: Real>(
     }
     let mut at_particle = mul(particle.velocity_m_s, m);
     if !context.physics.force_laws.is_empty() {
-        let axis = [f[0][0], f[1][0], f[2][0]];
-        let point = ForcePoint {
-            position_m: particle.position_m,
-            velocity_m_s: particle.velocity_m_s,
-            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
-            length_m: particle.length_m,
-            diameter_m: context.diameter_m,
-            mass_kg: m,
-        };
-        for law in &context.physics.force_laws {
-            at_particle = add(at_particle, scaled(law.force_n(&point), context.dt_s));
-        }
+        let force_n = force_of_laws(particle, context);
+        at_particle = add(at_particle, scaled(force_n, context.dt_s));
     }
     Ok(MomentumField { at_particle, slope })
+}
+
+/// Sum of the force laws, N.
+pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>) -> Vec3<T> {
+    let f = &particle.deformation_gradient;
+    let axis = [f[0][0], f[1][0], f[2][0]];
+    let point = ForcePoint {
+        position_m: particle.position_m,
+        velocity_m_s: particle.velocity_m_s,
+        tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+        length_m: particle.length_m,
+        diameter_m: context.diameter_m,
+        mass_kg: particle.mass_kg,
+    };
+    let laws = &context.physics.force_laws;
+    laws.iter()
+        .fold([T::zero(); 3], |sum, law| add(sum, law.force_n(&point)))
 }
 
 #[cold]
@@ -130,7 +137,12 @@ fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
 }
 
 /// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j: T, pk1: &mut Mat3<T>) {
+pub(super) fn add_stress_laws<T: Real>(
+    particle: &Particle<T>,
+    context: &StepContext<T>,
+    j: T,
+    pk1: &mut Mat3<T>,
+) {
     let f = &particle.deformation_gradient;
     let inverse_transposed = transpose_inverse(f);
     // L = Ḟ F⁻¹.
@@ -152,7 +164,7 @@ fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j:
 /// Stiffness of a gripped particle's spring as a mass, κ m, and the velocity that would bring it to
 /// its place within the step.
 #[inline(always)]
-fn clamp_target<T: Real>(
+pub(super) fn clamp_target<T: Real>(
     particle: &Particle<T>,
     motions: &[Option<RigidMotion<T>>],
     dt_s: f64,
@@ -164,13 +176,18 @@ fn clamp_target<T: Real>(
 }
 
 #[inline(always)]
-fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) {
-    let dx = T::base(grid.spacing_m);
+pub(super) fn scatter<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    field: &MomentumField<T>,
+    nodes: &mut [T::Packed],
+) {
+    let dx = T::base(spacing_m);
     let Link {
         slots,
         weights,
         offset_m,
-    } = &grid.links[index];
+    } = link;
     // The value at the middle node, and its change from node to node along each axis.
     let slope = &field.slope;
     let mut middle = field.at_particle;
@@ -188,14 +205,14 @@ fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) 
             let momenta = [lines[j] - along_z, lines[j], lines[j] + along_z];
             for k in 0..3 {
                 let entry = 9 * i + 3 * j + k;
-                grid.nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
+                nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
             }
         }
     }
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
-fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
     grid.constrained = true;
     let link = &grid.links[index];
     for entry in 0..STENCIL {
@@ -215,25 +232,17 @@ const CONTACT_NEAR_CELLS: f64 = 0.1;
 /// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
 /// the rope's radius, and may not move down by more than its gap within the step. This is the contact
 /// of a row of spheres; a lying rope touches as it should, and its end counts as round.
-fn scatter_contact<T: Real>(
+pub(super) fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
     table_m: f64,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
-    let near_m = CONTACT_NEAR_CELLS * grid.spacing_m;
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let mut height = T::zero();
-        for p in members {
-            height += p.position_m[2];
-        }
-        let gap = height.scale(1.0 / members.len() as f64) - lowest;
-        if gap.value() > near_m {
+        let Some(asked) = asked_of_slice(members, table_m, context, grid.spacing_m) else {
             continue;
-        }
+        };
         grid.constrained = true;
-        let asked = -gap.scale(1.0 / context.dt_s);
         for (member, p) in members.iter().enumerate() {
             let link = &grid.links[slice * context.section + member];
             let stiffness = p.mass_kg.scale(STIFFNESS);
@@ -245,6 +254,22 @@ fn scatter_contact<T: Real>(
             }
         }
     }
+}
+
+/// Upward velocity that brings a slice onto the table within the step; none where it is not near.
+pub(super) fn asked_of_slice<T: Real>(
+    members: &[Particle<T>],
+    table_m: f64,
+    context: &StepContext<T>,
+    spacing_m: f64,
+) -> Option<T> {
+    let lowest = T::of(table_m + 0.5 * context.diameter_m);
+    let mut height = T::zero();
+    for p in members {
+        height += p.position_m[2];
+    }
+    let gap = height.scale(1.0 / members.len() as f64) - lowest;
+    (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
 }
 
 /// Turns momenta into velocities: weight, settling, table, clamps.
@@ -304,9 +329,27 @@ fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
     )
 }
 
+/// Moves a particle on with its nodes.
 #[inline(always)]
 fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
-    let link = &grid.links[index];
+    let (velocity, rate) = field_of_nodes(&grid.links[index], grid.spacing_m, &grid.nodes);
+    for a in 0..3 {
+        let f = &mut particle.deformation_gradient[a];
+        *f = add(*f, scaled(rate[a], dt_s));
+    }
+    particle.deformation_rate = rate;
+    particle.velocity_m_s = velocity;
+    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+}
+
+/// Velocity Σ w v and affine field 4/dx² Σ w v dᵀ that the nodes' velocities give to a particle: the
+/// transpose of [`scatter`], with the slope scaled.
+#[inline(always)]
+pub(super) fn field_of_nodes<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    nodes: &[T::Packed],
+) -> (Vec3<T>, Mat3<T>) {
     let zero = T::pack([T::zero(); 3]);
     // Σ w v (offset along z and y), offsets counted in cells from the middle node.
     let (mut moment_y, mut moment_z) = (zero, zero);
@@ -316,7 +359,7 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
         for j in 0..3 {
             let at = |k: usize| {
                 let entry = 9 * i + 3 * j + k;
-                T::packed_times(grid.nodes[link.slots[entry] as usize], link.weights[entry])
+                T::packed_times(nodes[link.slots[entry] as usize], link.weights[entry])
             };
             let (low, high) = (at(0), at(2));
             lines[j] = low + at(1) + high;
@@ -327,16 +370,14 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
     }
     let velocity = T::unpack(planes[0] + planes[1] + planes[2]);
     let moment = [planes[2] - planes[0], moment_y, moment_z].map(T::unpack);
-    let dx = T::base(grid.spacing_m);
-    let scale = T::base(4.0 / (grid.spacing_m * grid.spacing_m));
+    let dx = T::base(spacing_m);
+    let scale = T::base(4.0 / (spacing_m * spacing_m));
+    let mut rate = [[T::zero(); 3]; 3];
     for a in 0..3 {
         for b in 0..3 {
             let centred = moment[b][a].times(dx) - velocity[a].times(link.offset_m[b]);
-            particle.deformation_rate[a][b] = centred.times(scale);
+            rate[a][b] = centred.times(scale);
         }
-        let f = &mut particle.deformation_gradient[a];
-        *f = add(*f, scaled(particle.deformation_rate[a], dt_s));
     }
-    particle.velocity_m_s = velocity;
-    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+    (velocity, rate)
 }
