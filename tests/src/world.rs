@@ -7,7 +7,7 @@ use crate::effects::WorldEffects;
 use nalgebra::Vector3;
 use offline::demo::{
     CameraSpec, ClampSample, ClampSpec, CloudFrame, Demo, DemoSpec, FORMAT, Observations, SceneKind,
-    TableSpec,
+    StartState, TableSpec,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -110,14 +110,16 @@ fn declared(spec: &WorldSpec) -> DemoSpec {
     let clamp = |motion: &ClampMotion| ClampSpec {
         end: motion.end,
         grip_m: motion.grip_m,
+        direction: None,
     };
     DemoSpec {
         format: FORMAT.to_owned(),
         scene: spec.scene,
         noise_m: spec.sensor.noise_m,
         notes: spec.notes.clone(),
+        start: StartState::Straight,
         rope: spec.material.rope.clone(),
-        table: spec.table.clone(),
+        table: Some(spec.table.clone()),
         clamps: spec.clamps.iter().map(clamp).collect(),
         cameras: spec.cameras.clone(),
     }

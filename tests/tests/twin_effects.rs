@@ -20,6 +20,8 @@ fn coarse(young_pa: f64) -> Material {
             diameter_m: DIAMETER,
             mass_kg: MASS,
             direction: [1.0, 0.0, 0.0],
+            end_mass_kg: 0.0,
+            assumed: Vec::new(),
         },
         young_pa,
         segments: 25,

@@ -187,7 +187,7 @@ impl<'a> Problem<'a> {
             .into_par_iter()
             .map(|d| {
                 let (demo, scene) = (self.demos[d], &self.scenes[d]);
-                let physics = structure.physics(theta, demo.spec.table.friction);
+                let physics = structure.physics(theta, demo.spec.friction());
                 let rollout = simulate(scene, &physics).map_err(|error| simulation(demo, error))?;
                 let rows = self.rows_of(demo, &rollout);
                 if rows.len() < MIN_ROWS {
@@ -232,7 +232,7 @@ impl<'a> Problem<'a> {
             .into_par_iter()
             .map(|d| {
                 let demo = self.demos[d];
-                let physics = structure.physics(&theta32, demo.spec.table.friction);
+                let physics = structure.physics(&theta32, demo.spec.friction());
                 simulate(&self.scenes[d], &physics).map_err(|error| simulation(demo, error))
             })
             .collect()

@@ -7,7 +7,10 @@
 
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
-use super::tensor::{Mat3, Vec3, add, matmul_transposed, matvec, rotation_of_quaternion, sub};
+use super::step::Particle;
+use super::tensor::{
+    Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, scaled, sub, zero3,
+};
 
 /// κ: stiffness of the clamp's springs. On an elastic foundation of this stiffness a beam's clamped
 /// end gives by a length (4 E I / k)^¼, a fifth of a cell here. Measured on a cantilever 1.8 cells
@@ -29,7 +32,9 @@ pub struct Knot {
     pub closed: bool,
 }
 
-/// Path of a clamp: cubic Hermite interpolation between knots, constant beyond the ends.
+/// Path of a clamp: cubic Hermite interpolation between knots, constant beyond the ends. A path whose
+/// last knot opens while moving goes on at that knot's rate: the last closed step aims at a time just
+/// after the opening, and would brake the rope if the path stood still there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClampPath {
     knots: Vec<Knot>,
@@ -42,7 +47,8 @@ impl ClampPath {
         Self { knots }
     }
 
-    /// A path from sampled poses; rates are the slopes of the parabolas through neighbours.
+    /// A path from sampled poses; rates are the slopes of the parabolas through neighbours. It starts
+    /// at rest, as the rope does; at its end the last parabola goes on.
     pub fn from_samples(samples: &[(f64, Pose<f64>, bool)]) -> Self {
         let n = samples.len();
         let slope = |a: usize, b: usize, k: usize| {
@@ -51,8 +57,11 @@ impl ClampPath {
         let knots = (0..n)
             .map(|i| {
                 let rate = std::array::from_fn(|k| {
-                    if i == 0 || i + 1 == n {
+                    if i == 0 {
                         return 0.0;
+                    }
+                    if i + 1 == n {
+                        return end_slope(samples, k);
                     }
                     let (before, after) = (samples[i].0 - samples[i - 1].0, samples[i + 1].0 - samples[i].0);
                     (after * slope(i - 1, i, k) + before * slope(i, i + 1, k)) / (before + after)
@@ -97,8 +106,12 @@ impl ClampPath {
     pub fn span<T: Real>(&self, t_s: T) -> Span<T> {
         let i = self.interval(t_s.value());
         let a = &self.knots[i];
-        if t_s.value() < a.t_s || i + 1 == self.knots.len() {
+        let (before, after) = (t_s.value() < a.t_s, i + 1 == self.knots.len());
+        if before || after && a.closed {
             return Span::At(i);
+        }
+        if after {
+            return Span::Beyond(i, t_s - T::of(a.t_s));
         }
         let h = self.knots[i + 1].t_s - a.t_s;
         let u = (t_s - T::of(a.t_s)).scale(1.0 / h);
@@ -117,6 +130,10 @@ impl ClampPath {
     pub fn pose<T: Real>(&self, t_s: T) -> Pose<T> {
         let (i, w) = match self.span(t_s) {
             Span::At(i) => return self.knots[i].pose.map(T::of),
+            Span::Beyond(i, since) => {
+                let a = &self.knots[i];
+                return std::array::from_fn(|k| T::of(a.pose[k]) + since.scale(a.rate[k]));
+            }
             Span::After(i, w) => (i, w),
         };
         let (a, b) = (&self.knots[i], &self.knots[i + 1]);
@@ -133,6 +150,10 @@ impl ClampPath {
         let pose = self.pose(t_s);
         let (i, w) = match self.span(t_s) {
             Span::At(i) => return std::array::from_fn(|k| pose[k] + shift.knots[i].pose[k]),
+            Span::Beyond(i, since) => {
+                let by = &shift.knots[i];
+                return std::array::from_fn(|k| pose[k] + by.pose[k] + since * by.rate[k]);
+            }
             Span::After(i, w) => (i, w),
         };
         let (a, b) = (&shift.knots[i], &shift.knots[i + 1]);
@@ -198,6 +219,8 @@ fn real_pose<T: Real>(recorded: &dyn Fn(T) -> Pose<T>, laws: &[Box<dyn PathLaw<T
 pub enum Span<T> {
     /// Beyond the ends: the path stands still at this knot.
     At(usize),
+    /// This long after the last knot, s, and open: the path goes on at that knot's rate.
+    Beyond(usize, T),
     /// Between this knot and the next.
     After(usize, Hermite<T>),
 }
@@ -257,6 +280,16 @@ impl<T: Real> PathShift<T> {
     }
 }
 
+/// Slope at the last sample of the parabola through the last three.
+fn end_slope(samples: &[(f64, Pose<f64>, bool)], k: usize) -> f64 {
+    let slope = |a: usize, b: usize| (samples[b].1[k] - samples[a].1[k]) / (samples[b].0 - samples[a].0);
+    match samples.len() {
+        0 | 1 => 0.0,
+        2 => slope(0, 1),
+        n => slope(n - 2, n - 1) + slope(n - 3, n - 1) - slope(n - 3, n - 2),
+    }
+}
+
 /// Rigid motion of a clamp relative to its first pose.
 #[derive(Clone, Copy, Debug)]
 pub struct RigidMotion<T> {
@@ -301,6 +334,27 @@ impl<T: Real> RigidMotion<T> {
     }
 }
 
+/// Force of every grip on the rope in the step that ended in this state, N; zero for an open grip.
+///
+/// The springs are implicit, so a particle's spring pulls with κ m/dt² times the gap that is left at
+/// the end of the step. In `f32` a gap of a fraction of a micrometre is near rounding: read forces
+/// from a rollout in `f64`.
+pub fn grip_forces_n<T: Real>(
+    particles: &[Particle<T>],
+    motions: &[Option<RigidMotion<T>>],
+    dt_s: f64,
+) -> Vec<Vec3<T>> {
+    let mut forces = vec![zero3(); motions.len()];
+    for p in particles {
+        let Some((grip, offset_m)) = p.grip else { continue };
+        let Some(motion) = &motions[grip] else { continue };
+        let gap = sub(motion.place(offset_m), p.position_m);
+        let stiffness = p.mass_kg.scale(STIFFNESS);
+        forces[grip] = add(forces[grip], scaled(mul(gap, stiffness), 1.0 / (dt_s * dt_s)));
+    }
+    forces
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -313,7 +367,7 @@ mod tests {
             .map(|&t| (t, pose(t), true))
             .collect();
         let path = ClampPath::from_samples(&samples);
-        for t in [0.12_f64, 0.2, 0.26, 0.29] {
+        for t in [0.12_f64, 0.2, 0.26, 0.29, 0.37, 0.48] {
             let got = path.pose(t);
             assert!((got[0] - t * t).abs() < 1e-12, "{t}: {}", got[0]);
             assert!((got[1] + t).abs() < 1e-12);

@@ -1,6 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::RigidMotion;
+use super::clamp::{RigidMotion, grip_forces_n};
 use super::error::{Cause, SimError};
 use super::grid::Grid;
 use super::physics::{Physics, Pose};
@@ -16,6 +16,9 @@ use crate::demo::RopeEnd;
 pub struct Rollout<T> {
     /// Centreline per recorded time: one point per slice, m.
     pub frames: Vec<Vec<Vec3<T>>>,
+    /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
+    /// zero at the start and where a grip is open.
+    pub grip_forces_n: Vec<Vec<Vec3<T>>>,
     /// Arc length of each slice, m.
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
@@ -252,15 +255,24 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     if !(friction.is_finite() && friction >= 0.0) {
         return bad("friction", friction);
     }
+    for component in physics.gravity_m_s2 {
+        if !component.value().is_finite() {
+            return bad("gravity_m_s2", component.value());
+        }
+    }
     Ok(())
 }
 
-/// Looks for runaway particles now and then: an instability takes many steps to grow.
-fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usize) -> Result<(), Cause> {
-    const EVERY: usize = 16;
-    if !step.is_multiple_of(EVERY) {
-        return Ok(());
-    }
+/// Steps between two looks for runaway particles.
+const CHECK_EVERY: usize = 16;
+
+/// Looks for particles that are not finite or move too far per step.
+fn check_state<T: Real>(
+    particles: &[Particle<T>],
+    context: &StepContext<T>,
+    scene: &Scene,
+) -> Result<(), Cause> {
+    let fastest_m_s = 0.5 * scene.grid.spacing_m / context.dt_s;
     for (particle, p) in particles.iter().enumerate() {
         let speed_m_s = p
             .velocity_m_s
@@ -268,10 +280,10 @@ fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usi
             .map(|c| c.value().powi(2))
             .sum::<f64>()
             .sqrt();
-        if speed_m_s.is_nan() {
+        if !speed_m_s.is_finite() || p.position_m.iter().any(|c| !c.value().is_finite()) {
             return Err(Cause::NonFinite { particle });
         }
-        if speed_m_s > 0.5 * cell_per_step {
+        if speed_m_s > fastest_m_s {
             return Err(Cause::TooFast { particle, speed_m_s });
         }
     }
@@ -290,6 +302,7 @@ pub(super) struct Recorder<'a, T> {
     scene: &'a Scene,
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
+    grip_forces_n: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
     /// Where each frame was taken.
     pub(super) marks: Vec<FrameMark>,
@@ -303,14 +316,22 @@ impl<'a, T: Real> Recorder<'a, T> {
             scene,
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
+            grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
             marks: Vec::new(),
             reach_state: 0,
         }
     }
 
-    /// Looks at the rope after `state` steps.
-    pub(super) fn record(&mut self, particles: &[Particle<T>], state: usize, now_s: f64) {
+    /// Looks at the rope after `state` steps, the last of which had these motions.
+    pub(super) fn record(
+        &mut self,
+        particles: &[Particle<T>],
+        motions: &[Option<RigidMotion<T>>],
+        state: usize,
+        dt_s: f64,
+    ) {
+        let now_s = state as f64 * dt_s;
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             if due > now_s + 1e-12 {
                 break;
@@ -319,6 +340,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             let ahead_s = due - now_s;
             self.frames.push(centreline(particles, self.section, ahead_s));
             self.marks.push(FrameMark { state, ahead_s });
+            self.grip_forces_n.push(grip_forces_n(particles, motions, dt_s));
         }
         if now_s >= self.scene.score_from_s {
             let tip = self.tip_x(particles);

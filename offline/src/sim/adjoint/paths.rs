@@ -157,6 +157,12 @@ fn distribute(path: &ClampPath, t_s: f64, bar: [f64; 7], knots: &mut [KnotGradie
                 knots[i].pose[k] += bar[k];
             }
         }
+        Span::Beyond(i, since) => {
+            for k in 0..7 {
+                knots[i].pose[k] += bar[k];
+                knots[i].rate[k] += since * bar[k];
+            }
+        }
         Span::After(i, weights) => {
             for k in 0..7 {
                 knots[i].pose[k] += (1.0 - weights.along) * bar[k];
