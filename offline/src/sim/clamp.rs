@@ -133,8 +133,10 @@ impl ClampPath {
 /// Rigid motion of a clamp relative to its first pose.
 #[derive(Clone, Copy, Debug)]
 pub struct RigidMotion<T> {
-    position_m: Vec3<T>,
-    rotation: Mat3<T>,
+    /// Position of the clamp, m.
+    pub position_m: Vec3<T>,
+    /// Rotation since the first pose.
+    pub rotation: Mat3<T>,
 }
 
 impl<T: Real> RigidMotion<T> {

@@ -2,13 +2,17 @@
 
 use super::clamp::RigidMotion;
 use super::error::{Cause, SimError};
-use super::grid::Grid;
+use super::grid::{Grid, GridSpec};
+#[cfg(target_arch = "x86_64")]
+use super::lanes::{Avx2, Avx512};
+use super::lanes::{Instructions, Laned, Portable};
 use super::physics::Physics;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
-use super::step::{Particle, StepContext, step};
-use super::tensor::{Vec3, add, scaled, sub, zero3};
+use super::step::{Particle, StepContext, grid_to_particles, particles_to_grid, update_nodes};
+use super::sweep::Sweep;
+use super::tensor::{Vec3, add, norm, scaled, sub, value3, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -61,29 +65,158 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
         .collect()
 }
 
-/// Simulates a scene.
+/// Simulates a scene, on the widest registers that this processor has.
 ///
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
-pub fn simulate<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the instructions that the function was compiled for.
-        return unsafe { run_avx2(scene, physics) };
+    {
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: the processor has the instructions that the function was compiled for.
+            return unsafe { run_avx512(scene, physics) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { run_avx2(scene, physics) };
+        }
     }
-    run(scene, physics)
+    run_lanes::<T, Portable>(scene, physics)
 }
 
-/// The same code compiled for wider registers. Fused multiply-add stays off, so the bits are the
-/// same as those of the portable version.
+/// The same simulation, one particle after the other: slow and easy to read. It is what tests hold
+/// [`simulate`] against, and takes any number type.
+///
+/// # Errors
+/// A refusal or a stop, with step, time and cause.
+pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run::<T, OneByOne<T>>(scene, physics)
+}
+
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run(scene, physics)
+#[target_feature(enable = "avx512f")]
+unsafe fn run_avx512<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run_lanes::<T, Avx512>(scene, physics)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn run_avx2<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run_lanes::<T, Avx2>(scene, physics)
 }
 
 #[inline(always)]
-fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run::<T, Sweep<T, I>>(scene, physics)
+}
+
+/// A way to do the steps.
+trait Engine<T> {
+    /// A rope in the state of `particles`, which lie slice by slice.
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self;
+    /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
+    /// Updates the nodes.
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
+    /// The fastest particle and its speed, m/s; NaN counts as fastest.
+    fn fastest(&self) -> (usize, f64);
+    /// Number of slices.
+    fn slices(&self) -> usize;
+    /// Middle of a slice and its velocity, m and m/s.
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
+}
+
+impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
+    #[inline(always)]
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self {
+        Sweep::new(context, layout, grid, &particles)
+    }
+    #[inline(always)]
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        Sweep::sweep(self, context, motions)
+    }
+    #[inline(always)]
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
+        Sweep::update_nodes(self, context, decay);
+    }
+    #[inline(always)]
+    fn fastest(&self) -> (usize, f64) {
+        Sweep::fastest(self)
+    }
+    fn slices(&self) -> usize {
+        Sweep::slices(self)
+    }
+    #[inline(always)]
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
+        Sweep::slice_mean(self, slice)
+    }
+}
+
+/// One particle after the other.
+struct OneByOne<T: Real> {
+    particles: Vec<Particle<T>>,
+    grid: Grid<T>,
+    section: usize,
+}
+
+impl<T: Real> Engine<T> for OneByOne<T> {
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self {
+        let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
+        Self {
+            grid: Grid::new(layout, grid, &masses),
+            particles,
+            section: context.section,
+        }
+    }
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
+        particles_to_grid(&self.particles, &mut self.grid, context, motions)
+    }
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
+        update_nodes(&mut self.grid, context, decay);
+    }
+    fn fastest(&self) -> (usize, f64) {
+        let mut fastest = (0, 0.0);
+        for (index, p) in self.particles.iter().enumerate() {
+            let speed = norm(value3(p.velocity_m_s));
+            if speed > fastest.1 || speed.is_nan() {
+                fastest = (index, speed);
+            }
+        }
+        fastest
+    }
+    fn slices(&self) -> usize {
+        self.particles.len() / self.section
+    }
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
+        let members = &self.particles[slice * self.section..(slice + 1) * self.section];
+        let (mut place, mut velocity) = (zero3(), zero3());
+        for p in members {
+            place = add(place, p.position_m);
+            velocity = add(velocity, p.velocity_m_s);
+        }
+        let share = 1.0 / members.len() as f64;
+        (scaled(place, share), scaled(velocity, share))
+    }
+}
+
+#[inline(always)]
+fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     check_parameters(physics)?;
     let layout = scene.layout();
     let density = scene.rope.density_kg_m3();
@@ -93,7 +226,6 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     for law in &physics.mass_laws {
         law.change_masses_kg(&layout, &mut masses);
     }
-    let mut particles = initial_particles(scene, &layout, &masses);
     let lame = physics.lame();
     let viscosity = physics
         .stress_laws
@@ -109,25 +241,34 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         table_m: scene.table.map(|t| t.height_m),
         section: layout.section_m.len(),
     };
-    let mut grid = Grid::new(&layout, scene.grid, &masses);
-    let mut recorder = Recorder::new(scene, &layout);
+    let particles = initial_particles(scene, &layout, &masses);
+    let mut engine = E::new(&context, &layout, scene.grid, particles);
+    let mut recorder = Recorder::new(scene);
     let steps = (scene.duration_s / dt_s).ceil() as usize;
-    recorder.record(&particles, 0.0);
-    for number in 0..steps {
+    for number in 0..=steps {
         let t_s = number as f64 * dt_s;
+        let stop = |step: usize, cause| SimError {
+            step,
+            t_s: step as f64 * dt_s,
+            cause,
+        };
         let motions = grip_motions(scene, physics, t_s, dt_s);
+        engine
+            .sweep(&context, &motions)
+            .map_err(|cause| stop(number, cause))?;
+        if number % CHECK_EVERY == 1 {
+            check_speed(engine.fastest(), scene.grid.spacing_m / dt_s)
+                .map_err(|cause| stop(number - 1, cause))?;
+        }
+        recorder.record(&engine, t_s);
+        if number == steps {
+            break;
+        }
         let decay = match scene.settling {
             Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
             _ => 1.0,
         };
-        step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| check_speed(&particles, scene.grid.spacing_m / dt_s, number))
-            .map_err(|cause| SimError {
-                step: number,
-                t_s,
-                cause,
-            })?;
-        recorder.record(&particles, t_s + dt_s);
+        engine.update_nodes(&context, decay);
     }
     Ok(Rollout {
         frames: recorder.frames,
@@ -154,25 +295,15 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     Ok(())
 }
 
-/// Looks for runaway particles now and then: an instability takes many steps to grow.
-fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usize) -> Result<(), Cause> {
-    const EVERY: usize = 16;
-    if !step.is_multiple_of(EVERY) {
-        return Ok(());
+/// Steps between two looks for runaway particles: an instability takes many steps to grow.
+const CHECK_EVERY: usize = 16;
+
+fn check_speed((particle, speed_m_s): (usize, f64), cell_per_step: f64) -> Result<(), Cause> {
+    if speed_m_s.is_nan() {
+        return Err(Cause::NonFinite { particle });
     }
-    for (particle, p) in particles.iter().enumerate() {
-        let speed_m_s = p
-            .velocity_m_s
-            .iter()
-            .map(|c| c.value().powi(2))
-            .sum::<f64>()
-            .sqrt();
-        if speed_m_s.is_nan() {
-            return Err(Cause::NonFinite { particle });
-        }
-        if speed_m_s > 0.5 * cell_per_step {
-            return Err(Cause::TooFast { particle, speed_m_s });
-        }
+    if speed_m_s > 0.5 * cell_per_step {
+        return Err(Cause::TooFast { particle, speed_m_s });
     }
     Ok(())
 }
@@ -198,66 +329,48 @@ fn grip_motions<T: Real>(
 /// Takes down the centreline at the scene's frame times and the tip's reach.
 struct Recorder<'a, T> {
     scene: &'a Scene,
-    section: usize,
     frames: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
-    fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
+    fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
-            section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
         }
     }
 
-    fn record(&mut self, particles: &[Particle<T>], now_s: f64) {
+    #[inline(always)]
+    fn record(&mut self, engine: &impl Engine<T>, now_s: f64) {
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
-            self.frames.push(centreline(particles, self.section, due - now_s));
+            let point = |slice| {
+                let (place, velocity) = engine.slice_mean(slice);
+                add(place, scaled(velocity, due - now_s))
+            };
+            self.frames.push((0..engine.slices()).map(point).collect());
         }
         if now_s >= self.scene.score_from_s {
-            let tip = self.tip_x(particles);
+            let tip = tip_x(engine);
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
             }
         }
     }
-
-    /// x of the end point of the axis, half a slice beyond the last slice.
-    fn tip_x(&self, particles: &[Particle<T>]) -> T {
-        let n = particles.len();
-        let mean = |range: std::ops::Range<usize>| {
-            let mut sum = T::zero();
-            for p in &particles[range] {
-                sum += p.position_m[0];
-            }
-            sum.scale(1.0 / self.section as f64)
-        };
-        let (last, before) = (
-            mean(n - self.section..n),
-            mean(n - 2 * self.section..n - self.section),
-        );
-        last + (last - before).scale(0.5)
-    }
 }
 
-fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: f64) -> Vec<Vec3<T>> {
-    particles
-        .chunks(section)
-        .map(|slice| {
-            let mut sum = zero3();
-            for p in slice {
-                sum = add(sum, add(p.position_m, scaled(p.velocity_m_s, ahead_s)));
-            }
-            scaled(sum, 1.0 / section as f64)
-        })
-        .collect()
+/// x of the end point of the axis, half a slice beyond the last slice.
+#[inline(always)]
+fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
+    let n = engine.slices();
+    let x = |slice| engine.slice_mean(slice).0[0];
+    let (last, before) = (x(n - 1), x(n - 2));
+    last + (last - before).scale(0.5)
 }
 
 /// Two unit vectors that complete `axis` to a right-handed frame.
