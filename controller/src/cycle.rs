@@ -155,7 +155,9 @@ impl<'a> Cycle<'a> {
     /// The stamp of the goal whose first target is the one of this turn, ns.
     fn first_served_ns(&mut self, output: &Output) -> Option<u64> {
         let target = output.target.as_ref()?;
-        let goal = self.goal.take_if(|goal| goal.id == target.goal_id && goal.id != 0)?;
+        let goal = self
+            .goal
+            .take_if(|goal| goal.id == target.goal_id && goal.id != 0)?;
         Some(goal.stamp_ns)
     }
 
@@ -170,12 +172,7 @@ impl<'a> Cycle<'a> {
         self.queues.ended.store(true, Ordering::Release);
     }
 
-    fn turn_on_grid(
-        &mut self,
-        period_ns: u64,
-        timing: &mut Timing,
-        write: &mut dyn FnMut(&JointTarget),
-    ) {
+    fn turn_on_grid(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
         let mut grid = Grid::new(clock::now_ns(), period_ns);
         loop {
             let deadline_ns = grid.next_ns();

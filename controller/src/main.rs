@@ -279,7 +279,10 @@ fn run_bench(
 }
 
 fn print_loop(load: &str, report: &LoopReport) {
-    println!("{load}: {} cycles, {} missed, {}", report.turn.count, report.missed, report.cost);
+    println!(
+        "{load}: {} cycles, {} missed, {}",
+        report.turn.count, report.missed, report.cost
+    );
     let line = |name: &str, times: &Percentiles| println!("  {name:<14}{times}");
     line("wake-up late", &report.wake);
     if let (Some(other), Some(ratio)) = (&report.cyclictest, report.wake_p99_ratio) {
@@ -297,7 +300,9 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
     let mut input = BufReader::new(File::open(file).with_context(|| format!("cannot open {name}"))?);
     let head = recorder::read_head(&mut input)
         .with_context(|| format!("cannot read {name}"))?
-        .with_context(|| format!("{name} is not a recording: give a file that --record of this version wrote"))?;
+        .with_context(|| {
+            format!("{name} is not a recording: give a file that --record of this version wrote")
+        })?;
     let policy = policy_file::checked(file, head.policy)?;
     rt::flush_denormals();
     let header = head.header;
@@ -324,7 +329,9 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
         bail!("cycle {cycle} differs from the recording");
     }
     if let Some(cycle) = found.gap_after {
-        bail!("the disk was too slow for the recorder: what follows cycle {cycle} cannot be replayed, all before agrees");
+        bail!(
+            "the disk was too slow for the recorder: what follows cycle {cycle} cannot be replayed, all before agrees"
+        );
     }
     Ok(())
 }

@@ -91,7 +91,9 @@ fn setup(options: &Options, blob: &Blob, degraded: u32) -> Setup {
 fn check_gripper(options: &Options, blob: &Blob) -> Result<()> {
     let (latency_s, dwell_s) = (options.gripper_latency_ms as f64 * 1e-3, blob.task.dwell_s);
     if latency_s > dwell_s {
-        bail!("the gripper's latency ({latency_s} s) exceeds the dwell before the release ({dwell_s} s): give a shorter --gripper-latency-ms");
+        bail!(
+            "the gripper's latency ({latency_s} s) exceeds the dwell before the release ({dwell_s} s): give a shorter --gripper-latency-ms"
+        );
     }
     Ok(())
 }
@@ -107,7 +109,15 @@ pub fn serve(options: &Options) -> Result<()> {
     let may_sleep = if awake.is_some() { 0 } else { degraded::MAY_SLEEP };
     let (report, ready) = mpsc::channel();
     let (go, start) = mpsc::channel();
-    let thread = spawn_loop(options, &policy, may_sleep, session.config(), &queues, report, start)?;
+    let thread = spawn_loop(
+        options,
+        &policy,
+        may_sleep,
+        session.config(),
+        &queues,
+        report,
+        start,
+    )?;
     let header = ready
         .recv()
         .map_err(|_| anyhow!("the loop's thread did not start"))?
@@ -240,7 +250,11 @@ fn summarise(timing: &Timing, last: &Status) {
         "controller: {} cycles, {} missed, {} targets, {} goals accepted, {} refused",
         last.cycles, last.missed_deadlines, last.targets_sent, last.goals_accepted, last.goals_refused
     );
-    eprintln!("controller: {} messages lost, {}", last.messages_lost, timing.cost());
+    eprintln!(
+        "controller: {} messages lost, {}",
+        last.messages_lost,
+        timing.cost()
+    );
     eprintln!("controller: wake-up {}", timing.wake());
     eprintln!("controller: turn    {}", timing.turn());
     eprintln!("controller: goal to first target {}", timing.goal());

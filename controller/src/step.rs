@@ -118,7 +118,10 @@ enum Mode {
         target: u32,
         promise: Option<Promise>,
     },
-    Stopping { brake: Brake, after: After },
+    Stopping {
+        brake: Brake,
+        after: After,
+    },
     Fault,
     Ended,
 }
@@ -511,7 +514,10 @@ impl Controller {
 
     /// Moves on to the next target of the motion; after the last one the goal is done.
     fn next_leg(&mut self) {
-        let Mode::Running { plan, leg, target, .. } = &mut self.mode else {
+        let Mode::Running {
+            plan, leg, target, ..
+        } = &mut self.mode
+        else {
             return;
         };
         *target += 1;
@@ -529,7 +535,13 @@ impl Controller {
     }
 
     fn joints_of_leg(&self) -> Result<Joints, Reason> {
-        let (Mode::Running { plan, leg, target, .. }, Some(guard)) = (&self.mode, &self.guard) else {
+        let (
+            Mode::Running {
+                plan, leg, target, ..
+            },
+            Some(guard),
+        ) = (&self.mode, &self.guard)
+        else {
             return Err(Reason::NotReady);
         };
         if !self.stream_begun {

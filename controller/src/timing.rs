@@ -99,19 +99,37 @@ pub fn histogram() -> Histogram<u64> {
 /// Writes a histogram as HdrHistogram's percentile table (.hgrm), which its plotter reads; values in µs.
 pub fn write_hgrm(out: &mut impl Write, times: &Histogram<u64>) -> io::Result<()> {
     const TICKS_PER_HALF: u32 = 5;
-    writeln!(out, "{:>12} {:>14} {:>10} {:>14}\n", "Value", "Percentile", "TotalCount", "1/(1-Percentile)")?;
+    writeln!(
+        out,
+        "{:>12} {:>14} {:>10} {:>14}\n",
+        "Value", "Percentile", "TotalCount", "1/(1-Percentile)"
+    )?;
     let us = |ns: f64| ns * 1e-3;
     for point in times.iter_quantiles(TICKS_PER_HALF) {
         let (value, share) = (us(point.value_iterated_to() as f64), point.quantile_iterated_to());
-        write!(out, "{value:12.3} {share:2.12} {:10}", times.count_between(0, point.value_iterated_to()))?;
+        write!(
+            out,
+            "{value:12.3} {share:2.12} {:10}",
+            times.count_between(0, point.value_iterated_to())
+        )?;
         if share < 1.0 {
             writeln!(out, " {:14.2}", 1.0 / (1.0 - share))?;
         } else {
             writeln!(out)?;
         }
     }
-    writeln!(out, "#[Mean    = {:12.3}, StdDeviation   = {:12.3}]", us(times.mean()), us(times.stdev()))?;
-    writeln!(out, "#[Max     = {:12.3}, Total count    = {:12}]", us(times.max() as f64), times.len())
+    writeln!(
+        out,
+        "#[Mean    = {:12.3}, StdDeviation   = {:12.3}]",
+        us(times.mean()),
+        us(times.stdev())
+    )?;
+    writeln!(
+        out,
+        "#[Max     = {:12.3}, Total count    = {:12}]",
+        us(times.max() as f64),
+        times.len()
+    )
 }
 
 impl Default for Timing {
@@ -255,9 +273,16 @@ mod tests {
             .lines()
             .skip(2)
             .filter(|line| !line.starts_with('#'))
-            .map(|line| line.split_whitespace().map(|word| word.parse().expect("a number")).collect())
+            .map(|line| {
+                line.split_whitespace()
+                    .map(|word| word.parse().expect("a number"))
+                    .collect()
+            })
             .collect();
-        assert!(rows.windows(2).all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1]));
+        assert!(
+            rows.windows(2)
+                .all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1])
+        );
         let last = rows.last().expect("rows");
         assert_eq!((last[1], last[2]), (1.0, 1000.0));
         let median = rows.iter().find(|row| row[1] >= 0.5).expect("a median");

@@ -3,9 +3,11 @@
 
 use offline::demo::RopeEnd;
 use offline::effects::{self, ALL};
-use offline::sim::adjoint::{Cotangent, Differentiated, Family, Float, differentiate};
+use offline::sim::adjoint::{Cotangent, Differentiated, Family, Precision, differentiate};
 use offline::sim::clamp::{ClampPath, Knot, KnotShift, PathShift};
+use offline::sim::lanes::Laned;
 use offline::sim::physics::ForceField;
+use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
@@ -168,7 +170,7 @@ pub struct Contracted {
     pub gross: f64,
 }
 
-fn contracted<F: Float, const N: usize>(
+fn contracted<F: Precision, const N: usize>(
     rollout: &Rollout<Dual<F, N>>,
     cotangent: &Cotangent,
     lane: usize,
@@ -184,12 +186,15 @@ fn contracted<F: Float, const N: usize>(
 }
 
 /// Tangents that one rollout of [`Tangents`] carries.
-const LANES: usize = 12;
+pub const LANES: usize = 12;
 
 /// Rollouts with the tangents of every entry of θ, twelve at a time.
-pub struct Tangents<F>(Vec<Rollout<Dual<F, LANES>>>);
+pub struct Tangents<F: Precision>(Vec<Rollout<Dual<F, LANES>>>);
 
-impl<F: Float> Tangents<F> {
+impl<F: Precision> Tangents<F>
+where
+    Dual<F, LANES>: Laned,
+{
     /// Simulates a scene at θ.
     ///
     /// # Errors
@@ -220,12 +225,15 @@ impl<F: Float> Tangents<F> {
 ///
 /// # Errors
 /// As [`simulate`].
-pub fn forward_gradient<F: Float, M: Family>(
+pub fn forward_gradient<F: Precision, M: Family>(
     scene: &Scene,
     family: &M,
     theta: &[f64],
     cotangent: &Cotangent,
-) -> Result<Vec<Contracted>, SimError> {
+) -> Result<Vec<Contracted>, SimError>
+where
+    Dual<F, LANES>: Laned,
+{
     let tangents = Tangents::<F>::new(scene, family, theta)?;
     let of_entry = |entry| {
         let (rollout, lane) = tangents.of_entry(entry);
@@ -238,7 +246,7 @@ pub fn forward_gradient<F: Float, M: Family>(
 ///
 /// # Errors
 /// As [`differentiate`].
-pub fn reverse_gradient<F: Float, M: Family>(
+pub fn reverse_gradient<F: Precision, M: Family>(
     scene: &Scene,
     family: &M,
     theta: &[f64],

@@ -2,12 +2,13 @@
 //! release; the budget; and what a gradient says where a path is moved by hand.
 
 use offline::effects::ALL;
-use offline::sim::adjoint::{DEFAULT_BUDGET_BYTES, Float, release_gradient};
-use offline::sim::clamp::PathShift;
-use offline::sim::{Cause, Scene, simulate};
+use offline::sim::adjoint::{DEFAULT_BUDGET_BYTES, Family, Precision, release_gradient};
+use offline::sim::clamp::{KnotShift, PathShift};
+use offline::sim::lanes::Laned;
+use offline::sim::{Cause, Dual, Scene, simulate};
 use tests::derivatives::{
-    Everything, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift, reverse_gradient,
-    smooth_cotangent, swing,
+    Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,
+    reverse_gradient, smooth_cotangent, swing,
 };
 
 /// Every effect of the registry, a random direction of each path and two of the force. A path of one knot
@@ -30,7 +31,10 @@ enum Measure {
 }
 
 /// Prints and checks every entry of the gradient. Friction does nothing without a table.
-fn compare<F: Float>(name: &str, scene: &Scene, measure: Measure, tolerance: f64) {
+fn compare<F: Precision>(name: &str, scene: &Scene, measure: Measure, tolerance: f64)
+where
+    Dual<F, LANES>: Laned,
+{
     let family = everything(scene);
     let theta = family.theta(SOFT, 0.2);
     let cotangent = smooth_cotangent(scene);
@@ -142,7 +146,7 @@ fn a_shifted_path_moves_the_rope_as_the_moved_path_does() {
     let mut theta = family.theta(SOFT, 0.0);
     let amplitude = 1e-3;
     theta[3..].fill(amplitude);
-    let shifted = simulate(&scene, &family_physics(&family, &theta)).unwrap();
+    let shifted = simulate(&scene, &family.physics(&theta[..])).unwrap();
     let mut moved = scene.clone();
     for shift in std::mem::take(&mut family.shifts) {
         let by = PathShift {
@@ -150,7 +154,7 @@ fn a_shifted_path_moves_the_rope_as_the_moved_path_does() {
             knots: shift
                 .knots
                 .iter()
-                .map(|k| offline::sim::clamp::KnotShift {
+                .map(|k| KnotShift {
                     pose: k.pose.map(|x| x * amplitude),
                     rate: k.rate.map(|x| x * amplitude),
                 })
@@ -158,8 +162,8 @@ fn a_shifted_path_moves_the_rope_as_the_moved_path_does() {
         };
         moved.grips[shift.grip].path = scene.grips[shift.grip].path.moved(&by);
     }
-    let by_hand = simulate(&moved, &family_physics(&family, &theta[..3])).unwrap();
-    let still = simulate(&scene, &family_physics(&family, &theta[..3])).unwrap();
+    let by_hand = simulate(&moved, &family.physics(&theta[..3])).unwrap();
+    let still = simulate(&scene, &family.physics(&theta[..3])).unwrap();
     let worst = |a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]| {
         let pairs = a.iter().flatten().flatten().zip(b.iter().flatten().flatten());
         pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
@@ -170,10 +174,6 @@ fn a_shifted_path_moves_the_rope_as_the_moved_path_does() {
     );
     println!("{difference:.1e} m of {size:.1e} m");
     assert!(size > 1e-4 && difference < 1e-9 * size);
-}
-
-fn family_physics(family: &Everything, theta: &[f64]) -> offline::sim::Physics<f64> {
-    offline::sim::adjoint::Family::physics(family, theta)
 }
 
 /// With less memory steps are simulated twice; the gradient stays. Too little is refused.

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use offline::demo::RopeEnd;
 use offline::effects;
 use offline::sim::clamp::{ClampPath, Knot};
+use offline::sim::lanes::Laned;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Settling, Table};
 use offline::sim::tensor::value3;
@@ -463,7 +464,7 @@ fn a_lift_does_not_depend_on_place_and_heading() {
 }
 
 /// A lift off the table with a part that still lies there at the end, at θ = (ln E, ν, friction).
-fn lift_at<T: Real>(theta: [T; 3]) -> Rollout<T> {
+fn lift_at<T: Laned>(theta: [T; 3]) -> Rollout<T> {
     let path = ClampPath::new(vec![
         knot(0.0, [0.0; 3], [0.0; 3], true),
         knot(0.3, [0.02, 0.0, 0.05], [0.0; 3], true),

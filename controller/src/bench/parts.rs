@@ -28,7 +28,10 @@ pub fn time_all(blob: &Blob) -> Parts {
     let rope = &blob.ropes[0];
     let goal_m = |k: u32| rope.reach_m.at(f64::from(k % 100) * 0.01);
     let policy = time(20_000, |k| {
-        black_box(blob.policy.release_point_m(goal_m(k), rope.young_pa, rope.poisson));
+        black_box(
+            blob.policy
+                .release_point_m(goal_m(k), rope.young_pa, rope.poisson),
+        );
     });
     let poses: Vec<_> = (0..100)
         .map(|k| motion::task_pose(&blob.frame, [0.05 + 0.001 * f64::from(k), 0.15]))

@@ -1,6 +1,6 @@
 //! Forward-mode differentiation: a value with N tangents that pass through every operation.
 
-use super::real::{Real, Triple};
+use super::real::{Arithmetic, Float, Real, Triple};
 use super::tensor::{Mat3, matmul, transpose, transpose_inverse};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -13,19 +13,7 @@ pub struct Dual<F, const N: usize> {
     pub tangent: [F; N],
 }
 
-/// `f32` or `f64`.
-pub trait Float: Real + PartialOrd {
-    /// Distance from one to the next number.
-    const EPSILON: f64;
-}
-impl Float for f32 {
-    const EPSILON: f64 = f32::EPSILON as f64;
-}
-impl Float for f64 {
-    const EPSILON: f64 = f64::EPSILON;
-}
-
-impl<F: Float, const N: usize> Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Dual<F, N> {
     /// The input with index `index`, whose derivative with respect to itself is one.
     pub fn input(value: f64, index: usize) -> Self {
         let mut tangent = [F::zero(); N];
@@ -52,7 +40,7 @@ impl<F: Float, const N: usize> Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Add for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Add for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
@@ -60,7 +48,7 @@ impl<F: Float, const N: usize> Add for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Sub for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Sub for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
@@ -68,7 +56,7 @@ impl<F: Float, const N: usize> Sub for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Mul for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Mul for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     // The product rule adds.
@@ -80,7 +68,7 @@ impl<F: Float, const N: usize> Mul for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Div for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Div for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn div(self, b: Self) -> Self {
@@ -90,7 +78,7 @@ impl<F: Float, const N: usize> Div for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Neg for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Neg for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -98,14 +86,14 @@ impl<F: Float, const N: usize> Neg for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> AddAssign for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> AddAssign for Dual<F, N> {
     #[inline(always)]
     fn add_assign(&mut self, b: Self) {
         *self = *self + b;
     }
 }
 
-impl<F: Float, const N: usize> SubAssign for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> SubAssign for Dual<F, N> {
     #[inline(always)]
     fn sub_assign(&mut self, b: Self) {
         *self = *self - b;
@@ -137,27 +125,9 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     fn times(self, c: F) -> Self {
         self.chain(self.value * c, c)
     }
-
-    #[inline(always)]
-    fn of(value: f64) -> Self {
-        Self {
-            value: F::of(value),
-            tangent: [F::zero(); N],
-        }
-    }
     #[inline(always)]
     fn value(self) -> f64 {
         self.value.value()
-    }
-    #[inline(always)]
-    fn scale(self, c: f64) -> Self {
-        let c = F::of(c);
-        self.chain(self.value * c, c)
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let root = self.value.sqrt();
-        self.chain(root, F::of(0.5) / root)
     }
     #[inline(always)]
     fn exp(self) -> Self {
@@ -168,6 +138,49 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     fn sin_cos(self) -> (Self, Self) {
         let (sin, cos) = self.value.sin_cos();
         (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+}
+
+impl<F: Arithmetic, const N: usize> Arithmetic for Dual<F, N> {
+    type Mask = F::Mask;
+
+    #[inline(always)]
+    fn of(value: f64) -> Self {
+        Self {
+            value: F::of(value),
+            tangent: [F::zero(); N],
+        }
+    }
+    #[inline(always)]
+    fn scale(self, c: f64) -> Self {
+        let c = F::of(c);
+        self.chain(self.value * c, c)
+    }
+    #[inline(always)]
+    fn times_plus(self, b: Self, c: Self) -> Self {
+        let value = self.value.times_plus(b.value, c.value);
+        Self::per_lane(value, |k| {
+            self.tangent[k].times_plus(b.value, self.value.times_plus(b.tangent[k], c.tangent[k]))
+        })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        self.chain(root, F::of(0.5) / root)
+    }
+    #[inline(always)]
+    fn exceeds(self, bound: Self) -> F::Mask {
+        self.value.exceeds(bound.value)
+    }
+    #[inline(always)]
+    fn select(mask: F::Mask, yes: Self, no: Self) -> Self {
+        Self::per_lane(F::select(mask, yes.value, no.value), |k| {
+            F::select(mask, yes.tangent[k], no.tangent[k])
+        })
+    }
+    #[inline(always)]
+    fn everywhere(mask: F::Mask) -> bool {
+        F::everywhere(mask)
     }
 
     /// The value by Newton's iteration, the derivative in closed form: dR = R Ω, Ω the cross-product matrix of ω, with

@@ -104,8 +104,7 @@ pub struct Physics<T> {
     pub path_laws: Vec<Box<dyn PathLaw<T>>>,
     /// Changes of the scene's recorded paths, at most one per grip.
     pub path_shifts: Vec<PathShift<T>>,
-    /// A force given along rope and time. It acts as a kick at the start of each step, before force
-    /// laws see the velocity.
+    /// A force given along rope and time.
     pub force_field: Option<ForceField<T>>,
 }
 

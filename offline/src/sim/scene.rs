@@ -299,7 +299,11 @@ impl Scene {
         }
         if let Some(Settling { until_s, rate_per_s }) = self.settling {
             require("settling.until_s", until_s, until_s.is_finite())?;
-            require("settling.rate_per_s", rate_per_s, rate_per_s.is_finite() && rate_per_s >= 0.0)?;
+            require(
+                "settling.rate_per_s",
+                rate_per_s,
+                rate_per_s.is_finite() && rate_per_s >= 0.0,
+            )?;
         }
         self.check_times()?;
         self.check_grips()

@@ -5,7 +5,7 @@ use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::physics::{ForcePoint, Physics, StressPoint};
-use super::real::Real;
+use super::real::{Arithmetic, Real};
 use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, sub, transpose_inverse};
 
 /// What moves with the rope.
@@ -55,6 +55,20 @@ pub fn step<T: Real>(
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
+    particles_to_grid(particles, grid, context, motions)?;
+    update_nodes(grid, context, decay);
+    grid_to_particles(particles, grid, context.dt_s);
+    Ok(())
+}
+
+/// The first part of a step: sums up at the nodes what the particles, clamps and table give.
+#[inline(always)]
+pub fn particles_to_grid<T: Real>(
+    particles: &[Particle<T>],
+    grid: &mut Grid<T>,
+    context: &StepContext<T>,
+    motions: &[Option<RigidMotion<T>>],
+) -> Result<(), Cause> {
     grid.clear();
     for (index, particle) in particles.iter().enumerate() {
         let field = momentum_field(particle, context, grid.spacing_m, index)?;
@@ -66,11 +80,15 @@ pub fn step<T: Real>(
     if let Some(table_m) = context.table_m {
         scatter_contact(particles, table_m, context, grid);
     }
-    update_nodes(grid, context, decay);
-    for (index, particle) in particles.iter_mut().enumerate() {
-        gather(particle, index, grid, context.dt_s);
-    }
     Ok(())
+}
+
+/// The last part of a step: moves the particles with the nodes.
+#[inline(always)]
+pub fn grid_to_particles<T: Real>(particles: &mut [Particle<T>], grid: &Grid<T>, dt_s: f64) {
+    for (index, particle) in particles.iter_mut().enumerate() {
+        gather(particle, index, grid, dt_s);
+    }
 }
 
 /// Momentum that a particle gives to a node at the undeformed offset d:
@@ -127,8 +145,9 @@ pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepConte
         .fold([T::zero(); 3], |sum, law| add(sum, law.force_n(&point)))
 }
 
+/// Why a deformation gradient with this determinant stops a run.
 #[cold]
-fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
+pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
     if det.is_nan() {
         Cause::NonFinite { particle }
     } else {
@@ -227,7 +246,7 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
 
 /// Slices nearer to the table than this share of a cell take part in contact; the constraint itself
 /// is exact, this only skips slices that cannot touch within the step.
-const CONTACT_NEAR_CELLS: f64 = 0.1;
+pub const CONTACT_NEAR_CELLS: f64 = 0.1;
 
 /// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
 /// the rope's radius, and may not move down by more than its gap within the step. This is the contact
@@ -274,7 +293,7 @@ pub(super) fn asked_of_slice<T: Real>(
 
 /// Turns momenta into velocities: weight, settling, table, clamps.
 #[inline(always)]
-fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
+pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
     for index in 0..grid.nodes.len() {
         let free = mul(T::unpack(grid.nodes[index]), grid.inverse_mass[index]);
@@ -294,39 +313,33 @@ fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f6
 /// times what the push added. In stick the tangential velocity is zero, and so is its derivative
 /// with respect to μ.
 #[inline(always)]
-fn table_contact<T: Real>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
-    let [stiffness, asked] = *contact;
-    if stiffness.value() == 0.0 {
-        return velocity;
-    }
-    let [vx, vy, vz] = velocity;
+pub fn table_contact<T: Arithmetic>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
+    let ([stiffness, asked], [vx, vy, vz]) = (*contact, velocity);
+    let (zero, one) = (T::zero(), T::one());
     let held = (vz * mass + asked) / (mass + stiffness);
-    let push = held - vz;
-    if push.value() <= 0.0 {
-        return velocity;
-    }
+    let near = stiffness.exceeds(zero);
+    let push = T::select(near, held - vz, zero);
     let square = vx * vx + vy * vy;
-    if square.value() <= f64::from(f32::MIN_POSITIVE) {
-        return [T::zero(), T::zero(), held];
-    }
-    let kept = T::one() - friction * push / square.sqrt();
-    if kept.value() <= 0.0 {
-        return [T::zero(), T::zero(), held];
-    }
-    [vx * kept, vy * kept, held]
+    let moves = square.exceeds(T::of(f64::from(f32::MIN_POSITIVE)));
+    let speed = T::select(moves, square, one).sqrt();
+    let kept = T::select(moves, one - friction * push / speed, zero);
+    let kept = T::select(kept.exceeds(zero), kept, zero);
+    let touches = push.exceeds(zero);
+    [
+        T::select(touches, vx * kept, vx),
+        T::select(touches, vy * kept, vy),
+        T::select(touches, held, vz),
+    ]
 }
 
 /// Implicit springs: (m v + K v_clamp) / (m + K).
 #[inline(always)]
-fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
+pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
     let [stiffness, px, py, pz] = *clamp;
-    if stiffness.value() == 0.0 {
-        return velocity;
-    }
-    mul(
-        add(mul(velocity, mass), [px, py, pz]),
-        T::one() / (mass + stiffness),
-    )
+    let held = stiffness.exceeds(T::zero());
+    let inverse = T::one() / (mass + stiffness);
+    let asked = mul(add(mul(velocity, mass), [px, py, pz]), inverse);
+    std::array::from_fn(|k| T::select(held, asked[k], velocity[k]))
 }
 
 /// Moves a particle on with its nodes.

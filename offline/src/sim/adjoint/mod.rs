@@ -7,7 +7,7 @@
 //!
 //! | part of a step | its derivative |
 //! |---|---|
-//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of [`super::step`] |
+//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of [`super::transfer`] |
 //! | elastic stress | by hand, safe at F = I ([`stress`]) |
 //! | table, friction, clamps | by hand ([`nodes`]) |
 //! | effects' laws, clamp motion, masses | recorded and swept ([`var`]): an effect needs no code for it |
@@ -23,20 +23,22 @@ mod paths;
 mod plan;
 mod reverse;
 mod seeds;
+mod state;
 mod stress;
 mod var;
 
-pub use super::dual::Float;
 pub use paths::{KnotGradient, release_gradient};
 pub use var::Var;
 
 use super::error::SimError;
-use super::grid::Grid;
+#[cfg(target_arch = "x86_64")]
+use super::lanes::{Avx2, Avx512};
+use super::lanes::{Instructions, Laned, Portable};
 use super::physics::Physics;
-use super::real::Real;
+use super::real::{Float, Real};
 use super::rollout::{Recorder, Rollout, Setup};
 use super::scene::Scene;
-use super::step::Particle;
+use super::sweep::{Body, Sweep};
 use super::tensor::Vec3;
 use plan::Plan;
 use seeds::Seeds;
@@ -84,6 +86,10 @@ pub struct Differentiated<F> {
     pub repeated_steps: usize,
 }
 
+/// `f32` or `f64`, as rollouts compute with them.
+pub trait Precision: Float + Laned<Base = Self> {}
+impl<F: Float + Laned<Base = F>> Precision for F {}
+
 /// Simulates a scene and differentiates a result: `loss` looks at the rollout and says how the result
 /// changes with it.
 ///
@@ -92,7 +98,7 @@ pub struct Differentiated<F> {
 ///
 /// # Panics
 /// The cotangent's shape is not that of the rollout's frames.
-pub fn differentiate<F: Float, M: Family>(
+pub fn differentiate<F: Precision, M: Family>(
     scene: &Scene,
     family: &M,
     theta: &[f64],
@@ -100,28 +106,45 @@ pub fn differentiate<F: Float, M: Family>(
     loss: impl FnOnce(&Rollout<F>) -> Cotangent,
 ) -> Result<Differentiated<F>, SimError> {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the instructions that the function was compiled for.
-        return unsafe { run_avx2(scene, family, theta, budget_bytes, loss) };
+    {
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: the processor has the instructions that the function was compiled for.
+            return unsafe { run_avx512(scene, family, theta, budget_bytes, loss) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { run_avx2(scene, family, theta, budget_bytes, loss) };
+        }
     }
-    run(scene, family, theta, budget_bytes, loss)
+    run::<F, M, Portable>(scene, family, theta, budget_bytes, loss)
 }
 
-/// The same code compiled for wider registers, as in [`super::simulate`].
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn run_avx2<F: Float, M: Family>(
+#[target_feature(enable = "avx512f")]
+unsafe fn run_avx512<F: Precision, M: Family>(
     scene: &Scene,
     family: &M,
     theta: &[f64],
     budget_bytes: usize,
     loss: impl FnOnce(&Rollout<F>) -> Cotangent,
 ) -> Result<Differentiated<F>, SimError> {
-    run(scene, family, theta, budget_bytes, loss)
+    run::<F, M, Avx512>(scene, family, theta, budget_bytes, loss)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn run_avx2<F: Precision, M: Family>(
+    scene: &Scene,
+    family: &M,
+    theta: &[f64],
+    budget_bytes: usize,
+    loss: impl FnOnce(&Rollout<F>) -> Cotangent,
+) -> Result<Differentiated<F>, SimError> {
+    run::<F, M, Avx2>(scene, family, theta, budget_bytes, loss)
 }
 
 #[inline(always)]
-fn run<F: Float, M: Family>(
+fn run<F: Precision, M: Family, I: Instructions>(
     scene: &Scene,
     family: &M,
     theta: &[f64],
@@ -131,37 +154,27 @@ fn run<F: Float, M: Family>(
     let values: Vec<F> = theta.iter().map(|&x| F::of(x)).collect();
     let physics = family.physics(&values);
     let setup = Setup::new(scene, &physics)?;
-    let mut grid = setup.grid();
-    let plan = Plan::new(
-        setup.steps,
-        setup.layout.particles() * size_of::<State<F>>(),
-        grid.nodes.len() * size_of::<Vec3<F>>(),
-        budget_bytes,
-    )
-    .map_err(SimError::at_start)?;
-    let mut recorder = Recorder::new(scene, &setup.layout);
-    let mut particles = setup.particles();
+    let mut engine: Sweep<F, I> = setup.engine();
+    let nodes_bytes = size_of_val(engine.nodes.velocity.channel(0));
+    let state_bytes = size_of_val(&engine.bodies[..]) + nodes_bytes;
+    let plan = Plan::new(setup.steps, state_bytes, nodes_bytes, budget_bytes).map_err(SimError::at_start)?;
     let mut record = Record::new(plan);
-    recorder.record(&particles, 0, 0.0);
-    for segment in 0..plan.segments {
-        record.checkpoints.push(particles.iter().map(State::of).collect());
-        let kept = segment >= plan.kept_from;
-        let mut nodes = Vec::new();
-        for number in plan.range(segment, setup.steps) {
-            setup.advance(&mut particles, &mut grid, number)?;
-            if kept {
-                keep_nodes(&grid, &mut nodes);
-            }
-            recorder.record(&particles, number + 1, setup.time_s(number + 1));
+    let mut recorder = Recorder::new(scene);
+    for state in 0..=setup.steps {
+        record.begin(&engine, state);
+        let motions = setup.motions(state);
+        setup.sweep(&mut engine, state, &motions)?;
+        recorder.record(&engine, state, &setup);
+        if state < setup.steps {
+            setup.update_nodes(&mut engine, state);
+            record.keep(&engine, state);
         }
-        if kept {
-            record.nodes.push(nodes);
-        }
+        recorder.motions = motions;
     }
     let rollout = recorder.finish(&setup);
     let cotangent = loss(&rollout);
     let seeds = Seeds::new(cotangent, &recorder, &rollout);
-    let gradient = reverse::gradient(&setup, (grid, particles), record, seeds, family, theta)?;
+    let gradient = reverse::gradient(&setup, engine, record, seeds, family, theta)?;
     Ok(Differentiated {
         rollout,
         gradient,
@@ -170,53 +183,23 @@ fn run<F: Float, M: Family>(
     })
 }
 
-/// What moves with a particle.
-#[derive(Clone, Copy)]
-struct State<F> {
-    position_m: Vec3<F>,
-    velocity_m_s: Vec3<F>,
-    deformation_rate: [Vec3<F>; 3],
-    deformation_gradient: [Vec3<F>; 3],
-}
-
-impl<F: Float> State<F> {
-    fn zero() -> Self {
-        let zero = [F::zero(); 3];
-        Self {
-            position_m: zero,
-            velocity_m_s: zero,
-            deformation_rate: [zero; 3],
-            deformation_gradient: [zero; 3],
-        }
-    }
-
-    fn of(particle: &Particle<F>) -> Self {
-        Self {
-            position_m: particle.position_m,
-            velocity_m_s: particle.velocity_m_s,
-            deformation_rate: particle.deformation_rate,
-            deformation_gradient: particle.deformation_gradient,
-        }
-    }
-
-    fn restore(&self, particle: &mut Particle<F>) {
-        particle.position_m = self.position_m;
-        particle.velocity_m_s = self.velocity_m_s;
-        particle.deformation_rate = self.deformation_rate;
-        particle.deformation_gradient = self.deformation_gradient;
-    }
+/// The rope at the end of a step's update of the nodes, before the particles have moved with them.
+struct Checkpoint<F: Laned, I: Instructions> {
+    bodies: Vec<Body<F::Plain<I>>>,
+    /// Velocities of the nodes.
+    nodes: Vec<F>,
 }
 
 /// What the way forward left for the way back.
-struct Record<F> {
+struct Record<F: Laned, I: Instructions> {
     plan: Plan,
     /// The state at the start of every segment.
-    checkpoints: Vec<Vec<State<F>>>,
+    checkpoints: Vec<Checkpoint<F, I>>,
     /// Node velocities of the kept segments, step after step.
-    nodes: Vec<Vec<Vec3<F>>>,
+    nodes: Vec<Vec<F>>,
 }
 
-impl<F: Float> Record<F> {
+impl<F: Precision, I: Instructions> Record<F, I> {
     fn new(plan: Plan) -> Self {
         Self {
             plan,
@@ -224,8 +207,28 @@ impl<F: Float> Record<F> {
             nodes: Vec::with_capacity(plan.segments - plan.kept_from),
         }
     }
-}
 
-fn keep_nodes<F: Float>(grid: &Grid<F>, nodes: &mut Vec<Vec3<F>>) {
-    nodes.extend(grid.nodes.iter().map(|&packed| F::unpack(packed)));
+    /// Takes a checkpoint where a segment starts.
+    fn begin(&mut self, engine: &Sweep<F, I>, state: usize) {
+        let (segment, within) = (state / self.plan.segment, state % self.plan.segment);
+        if within > 0 || segment == self.plan.segments {
+            return;
+        }
+        self.checkpoints.push(Checkpoint {
+            bodies: engine.bodies.clone(),
+            nodes: engine.nodes.velocity.channel(0).to_vec(),
+        });
+        if segment >= self.plan.kept_from {
+            self.nodes.push(Vec::new());
+        }
+    }
+
+    /// Keeps the velocities of the nodes where the plan says so.
+    fn keep(&mut self, engine: &Sweep<F, I>, step: usize) {
+        if step / self.plan.segment >= self.plan.kept_from
+            && let Some(nodes) = self.nodes.last_mut()
+        {
+            nodes.extend_from_slice(engine.nodes.velocity.channel(0));
+        }
+    }
 }

@@ -3,7 +3,7 @@
 //! Only the velocities after the update are kept. What a node had before them follows from them: the
 //! springs of clamps and table are linear, and friction takes a known amount along a known direction.
 
-use super::Float;
+use super::Precision;
 use crate::sim::tensor::{Vec3, dot, mul, scaled, sub};
 
 /// What acts on a node.
@@ -27,7 +27,7 @@ pub(super) struct NodeCotangent<F> {
     pub(super) friction: F,
 }
 
-impl<F: Float> NodeForces<'_, F> {
+impl<F: Precision> NodeForces<'_, F> {
     /// Pulls `bar` back, the derivative with respect to the velocity `after` the update.
     #[inline(always)]
     pub(super) fn pull_back(&self, after: Vec3<F>, bar: Vec3<F>) -> NodeCotangent<F> {
@@ -115,7 +115,7 @@ impl<F: Float> NodeForces<'_, F> {
 
 /// Derivatives of v = decay n/M + g dt with respect to momentum n, gravity g and mass M.
 #[inline(always)]
-pub(super) fn pull_back_fall<F: Float>(
+pub(super) fn pull_back_fall<F: Precision>(
     cotangent: &NodeCotangent<F>,
     inverse_mass: F,
     fall: Vec3<F>,

@@ -1,11 +1,12 @@
 //! Derivative with respect to the paths of the clamps: from forces on gripped particles to the motion
 //! of the clamp, through the laws that disturb it, to the knots.
 
-use super::Float;
+use super::state::total;
 use super::var::{Session, Var};
 use crate::sim::clamp::{ClampPath, KnotShift, PathShift, RigidMotion, Span};
+use crate::sim::lanes::Lanes;
 use crate::sim::physics::{Physics, Pose};
-use crate::sim::real::Real;
+use crate::sim::real::{Arithmetic, Real};
 use crate::sim::rollout::Setup;
 use crate::sim::tensor::{Mat3, Vec3};
 use std::cell::RefCell;
@@ -39,13 +40,13 @@ pub(super) struct MotionCotangent {
 }
 
 impl MotionCotangent {
-    /// Adds that of one particle: `bar` with respect to its place, `offset_m` its offset.
-    pub(super) fn add<F: Float>(&mut self, bar: Vec3<F>, offset_m: [f64; 3]) {
+    /// Adds those of a register of particles: `bar` with respect to their places, which lie at
+    /// `offset_m` from the clamp.
+    pub(super) fn add<L: Lanes>(&mut self, bar: Vec3<L>, offset_m: &Vec3<L>) {
         for a in 0..3 {
-            let bar = bar[a].value();
-            self.position[a] += bar;
+            self.position[a] += total(bar[a]);
             for b in 0..3 {
-                self.rotation[a][b] += bar * offset_m[b];
+                self.rotation[a][b] += total(bar[a] * offset_m[b]);
             }
         }
     }

@@ -1,6 +1,9 @@
 //! Where the result touches the rollout: the derivatives that enter the way back.
 
-use super::{Cotangent, Float, State};
+use super::state::StateCotangent;
+use super::{Cotangent, Precision};
+use crate::sim::lanes::Lanes;
+use crate::sim::real::Arithmetic;
 use crate::sim::rollout::{FrameMark, Recorder, Rollout};
 
 /// Derivatives of the result with respect to frames and reach, with the states they came from.
@@ -12,7 +15,11 @@ pub(super) struct Seeds {
 }
 
 impl Seeds {
-    pub(super) fn new<F: Float>(cotangent: Cotangent, recorder: &Recorder<F>, rollout: &Rollout<F>) -> Self {
+    pub(super) fn new<F: Precision>(
+        cotangent: Cotangent,
+        recorder: &Recorder<F>,
+        rollout: &Rollout<F>,
+    ) -> Self {
         let points = |frame: usize| rollout.frames.get(frame).map(Vec::len);
         let fits = cotangent.frames.is_empty()
             || cotangent.frames.len() == rollout.frames.len()
@@ -25,28 +32,46 @@ impl Seeds {
         }
     }
 
-    /// Adds what the result takes from the state after `state` steps.
-    pub(super) fn add<F: Float>(&mut self, state: usize, section: usize, bars: &mut [State<F>]) {
-        let share = 1.0 / section as f64;
+    /// Adds what the result takes from the state after `state` steps of a rope of `slices` slices, each
+    /// with `members` particles.
+    pub(super) fn add<L: Lanes>(
+        &mut self,
+        state: usize,
+        (slices, members): (usize, usize),
+        bars: &mut [StateCotangent<L>],
+    ) {
+        let share = 1.0 / members as f64;
+        let lanes = |block: usize, weight: &dyn Fn(usize) -> f64| {
+            L::from_lanes(|lane| {
+                let slice = block * L::COUNT + lane;
+                L::Scalar::of(if slice < slices { weight(slice) } else { 0.0 })
+            })
+        };
         while let Some(mark) = self.marks.pop_if(|mark| mark.state == state) {
             let frame = &self.cotangent.frames[self.marks.len()];
-            for (slice, point) in bars.chunks_mut(section).zip(frame) {
-                for bar in slice {
-                    for k in 0..3 {
-                        let value = share * point[k];
-                        bar.position_m[k] += F::of(value);
-                        bar.velocity_m_s[k] += F::of(value * mark.ahead_s);
+            for (block, bars) in bars.chunks_mut(members).enumerate() {
+                for k in 0..3 {
+                    let place = lanes(block, &|slice| share * frame[slice][k]);
+                    for bar in &mut *bars {
+                        bar.position[k] += place;
+                        bar.velocity[k] += place.scale(mark.ahead_s);
                     }
                 }
             }
         }
         if state == self.reach_state && self.cotangent.reach != 0.0 {
-            // The tip is 3/2 of the last slice's middle less 1/2 of the one before.
             let reach = std::mem::take(&mut self.cotangent.reach) * share;
-            let n = bars.len();
-            for (index, bar) in bars.iter_mut().enumerate().skip(n - 2 * section) {
-                let weight = if index < n - section { -0.5 } else { 1.5 };
-                bar.position_m[0] += F::of(weight * reach);
+            // The tip is 3/2 of the last slice's middle less 1/2 of the one before.
+            let weight = |slice: usize| match slices - slice {
+                1 => 1.5 * reach,
+                2 => -0.5 * reach,
+                _ => 0.0,
+            };
+            for (block, bars) in bars.chunks_mut(members).enumerate() {
+                let x = lanes(block, &weight);
+                for bar in bars {
+                    bar.position[0] += x;
+                }
             }
         }
     }

@@ -9,7 +9,7 @@
 //! parameters, is written once per gradient and swept once, at the end. On top of it each particle,
 //! step after step, writes what its laws compute, sweeps that part and takes it off again.
 
-use crate::sim::real::{Real, Triple};
+use crate::sim::real::{Arithmetic, Real, Triple};
 use crate::sim::tensor::{Mat3, matmul, transpose, transpose_inverse};
 use std::cell::RefCell;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -186,48 +186,33 @@ impl SubAssign for Var {
     }
 }
 
-impl Real for Var {
-    type Base = f64;
-    type Packed = Triple<Self>;
+impl Arithmetic for Var {
+    type Mask = bool;
 
-    fn pack(v: [Self; 3]) -> Triple<Self> {
-        Triple(v)
-    }
-    fn unpack(v: Triple<Self>) -> [Self; 3] {
-        v.0
-    }
-    fn packed_times(v: Triple<Self>, c: f64) -> Triple<Self> {
-        Triple(v.0.map(|x| x.scale(c)))
-    }
-    fn base(value: f64) -> f64 {
-        value
-    }
-    fn times(self, c: f64) -> Self {
-        self.scale(c)
-    }
     fn of(value: f64) -> Self {
         Self { value, place: 0 }
     }
-    fn value(self) -> f64 {
-        self.value
-    }
     fn scale(self, c: f64) -> Self {
         self.chain(self.value * c, c)
+    }
+    fn times_plus(self, b: Self, c: Self) -> Self {
+        self * b + c
     }
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
         self.chain(root, 0.5 / root)
     }
-    fn exp(self) -> Self {
-        let value = self.value.exp();
-        self.chain(value, value)
+    fn exceeds(self, bound: Self) -> bool {
+        self.value > bound.value
     }
-    fn sin_cos(self) -> (Self, Self) {
-        let (sin, cos) = self.value.sin_cos();
-        (self.chain(sin, cos), self.chain(cos, -sin))
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+    fn everywhere(mask: bool) -> bool {
+        mask
     }
 
-    /// The value, and around it the linear map of [`super::stress::PolarDerivative`] as operations.
+    /// The value, and around it the linear map of [`super::stress`] as operations.
     fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
         let value = f.map(|row| row.map(Self::value));
         let r = f64::polar_rotation(&value);
@@ -250,5 +235,37 @@ impl Real for Var {
                 change.chain(r[i][j], 1.0)
             })
         })
+    }
+}
+
+impl Real for Var {
+    type Base = f64;
+    type Packed = Triple<Self>;
+
+    fn pack(v: [Self; 3]) -> Triple<Self> {
+        Triple(v)
+    }
+    fn unpack(v: Triple<Self>) -> [Self; 3] {
+        v.0
+    }
+    fn packed_times(v: Triple<Self>, c: f64) -> Triple<Self> {
+        Triple(v.0.map(|x| x.scale(c)))
+    }
+    fn base(value: f64) -> f64 {
+        value
+    }
+    fn times(self, c: f64) -> Self {
+        self.scale(c)
+    }
+    fn value(self) -> f64 {
+        self.value
+    }
+    fn exp(self) -> Self {
+        let value = self.value.exp();
+        self.chain(value, value)
+    }
+    fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = self.value.sin_cos();
+        (self.chain(sin, cos), self.chain(cos, -sin))
     }
 }
