@@ -29,9 +29,17 @@ fn diagnosed(fit: &[&Demo], held_out: &[&Demo]) -> Outcome {
             );
         }
         for refit in &round.refits {
-            println!("  refit {}: {:.3} mm, held out {:.3} mm", refit.id, refit.fit.rms_mm, refit.held_out.rms_mm);
+            println!(
+                "  refit {}: {:.3} mm, held out {:.3} mm",
+                refit.id, refit.fit.rms_mm, refit.held_out.rms_mm
+            );
             for gate in &refit.gates {
-                println!("    {} {}: {}", if gate.passed { "+" } else { "-" }, gate.name, gate.detail);
+                println!(
+                    "    {} {}: {}",
+                    if gate.passed { "+" } else { "-" },
+                    gate.name,
+                    gate.detail
+                );
             }
         }
     }

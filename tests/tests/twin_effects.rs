@@ -295,7 +295,10 @@ fn a_weightless_rod_takes_its_natural_curvature() {
     // 24 bends of 10 mm.
     assert!((angle / (curvature * 0.24) - 1.0).abs() < 0.02, "{angle}");
     assert!(turn.y < 0.0, "upwards");
-    assert!(free.rod.elastic_energy_j() < 1e-3 * 0.5 * curvature.powi(2) * 9e5 * PI * DIAMETER.powi(4) / 64.0 * LENGTH);
+    assert!(
+        free.rod.elastic_energy_j()
+            < 1e-3 * 0.5 * curvature.powi(2) * 9e5 * PI * DIAMETER.powi(4) / 64.0 * LENGTH
+    );
 }
 
 /// A spring in series at the wall adds C M to the slope: C q L²/2 · L at the tip.
@@ -322,7 +325,10 @@ fn a_compliant_clamp_and_a_bending_change_alter_the_sag_as_beams_do() {
         bending_change: -0.5,
         ..WorldEffects::default()
     });
-    assert!((softer / plain / 2.0 - 1.0).abs() < 0.02, "{softer} against {plain}");
+    assert!(
+        (softer / plain / 2.0 - 1.0).abs() < 0.02,
+        "{softer} against {plain}"
+    );
 }
 
 /// The force is the slope of the energy, natural curvature and stiffening included, in the plane.
@@ -350,7 +356,10 @@ fn forces_of_a_curved_stiffening_rod_are_slopes_of_its_energy() {
                 energy
             };
             let slope = (energy_at(h) - energy_at(-h)) / (2.0 * h);
-            assert!((force[i][axis] + slope).abs() < 1e-5 * scale, "node {i}, axis {axis}");
+            assert!(
+                (force[i][axis] + slope).abs() < 1e-5 * scale,
+                "node {i}, axis {axis}"
+            );
         }
     }
 }

@@ -279,17 +279,7 @@ fn one_round(
     ));
     let tried: Vec<Tried> = chosen
         .par_iter()
-        .filter_map(|score| {
-            refit(
-                bench,
-                structure,
-                fitted,
-                score,
-                (&now, held_now),
-                options,
-            )
-            .ok()
-        })
+        .filter_map(|score| refit(bench, structure, fitted, score, (&now, held_now), options).ok())
         .collect();
     let (refits, winner, tied) = choose(bench, tried, progress)?;
     let accepted = winner.as_ref().map(|w| w.3.clone());
@@ -341,7 +331,9 @@ fn leading(table: &ScoreTable, count: usize) -> Vec<&Score> {
         return significant;
     };
     let ranked = significant.iter().filter(|s| !nuisance(s)).take(count);
-    let related = significant.iter().filter(|s| nuisance(s) || best.family.contains(&s.id));
+    let related = significant
+        .iter()
+        .filter(|s| nuisance(s) || best.family.contains(&s.id));
     let mut chosen: Vec<&Score> = ranked.copied().collect();
     for score in related {
         if chosen.iter().all(|c| c.id != score.id) {

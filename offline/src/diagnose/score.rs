@@ -243,7 +243,11 @@ impl ScoreProblem {
             .map(|b| quantile(scores.iter().map(|set| set[b]).collect()))
             .collect();
         let largest = scores.iter().map(|set| {
-            let ratios = set.iter().zip(&own).filter(|(_, q)| **q > 0.0).map(|(s, q)| s / q);
+            let ratios = set
+                .iter()
+                .zip(&own)
+                .filter(|(_, q)| **q > 0.0)
+                .map(|(s, q)| s / q);
             ratios.fold(0.0, f64::max)
         });
         let factor = quantile(largest.collect());

@@ -13,17 +13,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "Papailiou, On the bending stiffness of transmission line conductors (1997): a cable lies between sliding and solid",
     nuisance: false,
     only_seen: false,
-    parameters: &[
-        ParameterSpec {
-            name: "ratio",
-            unit: "1",
-            vanishes_at: 1.0,
-            low: 0.05,
-            high: 5.0,
-            smallest_of_interest: 0.05,
-            slope: Slope::Tangent,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "ratio",
+        unit: "1",
+        vanishes_at: 1.0,
+        low: 0.05,
+        high: 5.0,
+        smallest_of_interest: 0.05,
+        slope: Slope::Tangent,
+    }],
 };
 
 struct BendingRatio<T> {
@@ -40,5 +38,7 @@ impl<T: Real> BendingLaw<T> for BendingRatio<T> {
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    physics.bending_laws.push(Box::new(BendingRatio { ratio: values[0] }));
+    physics
+        .bending_laws
+        .push(Box::new(BendingRatio { ratio: values[0] }));
 }

@@ -13,17 +13,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "definition of the clocks' difference",
     nuisance: false,
     only_seen: true,
-    parameters: &[
-        ParameterSpec {
-            name: "offset_s",
-            unit: "s",
-            vanishes_at: 0.0,
-            low: -0.3,
-            high: 0.3,
-            smallest_of_interest: 0.005,
-            slope: Slope::Tangent,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "offset_s",
+        unit: "s",
+        vanishes_at: 0.0,
+        low: -0.3,
+        high: 0.3,
+        smallest_of_interest: 0.005,
+        slope: Slope::Tangent,
+    }],
 };
 
 struct ClockOffset<T> {

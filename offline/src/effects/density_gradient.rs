@@ -13,17 +13,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "first-order term of a density along the rope, mean unchanged",
     nuisance: false,
     only_seen: false,
-    parameters: &[
-        ParameterSpec {
-            name: "relative_slope",
-            unit: "1",
-            vanishes_at: 0.0,
-            low: -1.5,
-            high: 1.5,
-            smallest_of_interest: 0.05,
-            slope: Slope::Tangent,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "relative_slope",
+        unit: "1",
+        vanishes_at: 0.0,
+        low: -1.5,
+        high: 1.5,
+        smallest_of_interest: 0.05,
+        slope: Slope::Tangent,
+    }],
 };
 
 struct DensityGradient<T> {

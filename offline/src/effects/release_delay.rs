@@ -12,17 +12,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "definition; grippers take some 10 ms to let go",
     nuisance: false,
     only_seen: false,
-    parameters: &[
-        ParameterSpec {
-            name: "delay_s",
-            unit: "s",
-            vanishes_at: 0.0,
-            low: 0.0,
-            high: 0.3,
-            smallest_of_interest: 0.01,
-            slope: Slope::Secant,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "delay_s",
+        unit: "s",
+        vanishes_at: 0.0,
+        low: 0.0,
+        high: 0.3,
+        smallest_of_interest: 0.01,
+        slope: Slope::Secant,
+    }],
 };
 
 /// Adds the effect to a physics.

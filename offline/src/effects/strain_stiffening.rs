@@ -19,17 +19,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "fibre energy of the stretch as in Holzapfel, Gasser and Ogden (2000), lowest nonlinear order",
     nuisance: false,
     only_seen: false,
-    parameters: &[
-        ParameterSpec {
-            name: "coefficient",
-            unit: "1",
-            vanishes_at: 0.0,
-            low: 0.0,
-            high: 200.0,
-            smallest_of_interest: 1.0,
-            slope: Slope::Tangent,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "coefficient",
+        unit: "1",
+        vanishes_at: 0.0,
+        low: 0.0,
+        high: 200.0,
+        smallest_of_interest: 1.0,
+        slope: Slope::Tangent,
+    }],
 };
 
 struct StrainStiffening<T> {

@@ -20,17 +20,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "return mapping for von Mises plasticity on Hencky strain; de Souza Neto, Perić and Owen, Computational Methods for Plasticity (2008), ch. 14",
     nuisance: false,
     only_seen: false,
-    parameters: &[
-        ParameterSpec {
-            name: "one_over_strain",
-            unit: "1",
-            vanishes_at: 0.0,
-            low: 0.0,
-            high: 200.0,
-            smallest_of_interest: 20.0,
-            slope: Slope::SecantNearZero,
-        },
-    ],
+    parameters: &[ParameterSpec {
+        name: "one_over_strain",
+        unit: "1",
+        vanishes_at: 0.0,
+        low: 0.0,
+        high: 200.0,
+        smallest_of_interest: 20.0,
+        slope: Slope::SecantNearZero,
+    }],
 };
 
 struct Yield<T> {

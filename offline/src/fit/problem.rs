@@ -4,7 +4,7 @@ use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, bracket, measure};
 use crate::sim::tensor::value3;
-use crate::sim::{Real, Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -161,7 +161,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Simulates one demonstration.
-    pub(super) fn rollout<T: Real>(
+    pub(super) fn rollout<T: Laned>(
         &self,
         demo: usize,
         structure: &Structure,

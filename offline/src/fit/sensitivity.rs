@@ -8,7 +8,8 @@
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
 use crate::model::Structure;
-use crate::sim::dual::{Dual, Float};
+use crate::sim::dual::Dual;
+use crate::sim::real::{Arithmetic, Float};
 use crate::sim::rollout::Track;
 use crate::sim::tensor::{Vec3, lift3, value3};
 use crate::sim::{Real, Rollout};
@@ -93,7 +94,10 @@ fn plan(structure: &Structure, theta: &[f64]) -> Plan {
     }
     let groups = tangents.len().div_ceil(MAX_TANGENTS);
     let size = tangents.len().div_ceil(groups);
-    let mut passes: Vec<Pass> = tangents.chunks(size).map(|c| Pass::Tangents(c.to_vec())).collect();
+    let mut passes: Vec<Pass> = tangents
+        .chunks(size)
+        .map(|c| Pass::Tangents(c.to_vec()))
+        .collect();
     passes.extend(secants);
     Plan { passes, seen }
 }
@@ -272,7 +276,10 @@ fn tangents_of<F: Float, const N: usize>(
         .enumerate()
         .map(|(lane, &column)| {
             let slope = |point: &[Dual<F, N>; 3]| point.map(|x| x.tangent[lane].value());
-            (column, frames.iter().map(|f| f.iter().map(slope).collect()).collect())
+            (
+                column,
+                frames.iter().map(|f| f.iter().map(slope).collect()).collect(),
+            )
         })
         .collect()
 }

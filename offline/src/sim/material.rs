@@ -62,7 +62,9 @@ impl<T: Real> Material<T> {
             let point = BendingPoint {
                 layout,
                 mouths,
-                solid_n_m2: physics.young_pa.scale(std::f64::consts::FRAC_PI_4 * radius.powi(4)),
+                solid_n_m2: physics
+                    .young_pa
+                    .scale(std::f64::consts::FRAC_PI_4 * radius.powi(4)),
             };
             material.bending = vec![T::one(); layout.slices.len()];
             for law in &physics.bending_laws {
@@ -81,12 +83,7 @@ impl<T: Real> Material<T> {
     /// Lets the material flow and remember, and takes down what the slices' particles have in common;
     /// called at the start of a step of `dt_s` with the particles' motion.
     #[inline(always)]
-    pub fn advance<'a>(
-        &mut self,
-        physics: &Physics<T>,
-        dt_s: f64,
-        motion: impl Fn(usize) -> Motion<'a, T>,
-    ) {
+    pub fn advance<'a>(&mut self, physics: &Physics<T>, dt_s: f64, motion: impl Fn(usize) -> Motion<'a, T>) {
         if !physics.flow_laws.is_empty() {
             for (index, inverse) in self.natural_inverse.iter_mut().enumerate() {
                 for law in &physics.flow_laws {
@@ -250,7 +247,7 @@ fn elastic_piola<T: Real>(
 }
 
 /// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-fn add_stress_laws<T: Real>(
+pub(super) fn add_stress_laws<T: Real>(
     (f, rate): Motion<T>,
     physics: &Physics<T>,
     lame: &Lame<T>,

@@ -1,6 +1,7 @@
 //! What the material and the world do to the rope: base coefficients, and lists of laws that
 //! effects append to. The passes of a step walk these lists and know no effect by name.
 
+use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::RopeLayout;
@@ -136,6 +137,23 @@ pub trait ObservationLaw<T: Real>: Send + Sync {
     }
 }
 
+/// A force on the rope that nobody explains, constant within blocks of time and within slices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceField<T> {
+    /// Length of a block, s; the first starts at zero. After the last block there is no force.
+    pub block_s: f64,
+    /// Force per length of rope, N/m, by block and slice.
+    pub force_n_m: Vec<Vec<Vec3<T>>>,
+}
+
+impl<T> ForceField<T> {
+    /// The block in which a time lies.
+    pub fn block(&self, t_s: f64) -> Option<usize> {
+        let block = (t_s / self.block_s) as usize;
+        (block < self.force_n_m.len()).then_some(block)
+    }
+}
+
 /// All coefficients and laws of one simulation.
 pub struct Physics<T> {
     /// Young's modulus, Pa.
@@ -166,6 +184,10 @@ pub struct Physics<T> {
     pub flow_laws: Vec<Box<dyn FlowLaw<T>>>,
     /// Errors of the cameras.
     pub observation_laws: Vec<Box<dyn ObservationLaw<T>>>,
+    /// Changes of the scene's recorded paths, at most one per grip.
+    pub path_shifts: Vec<PathShift<T>>,
+    /// A force given along rope and time.
+    pub force_field: Option<ForceField<T>>,
 }
 
 impl<T: Real> Physics<T> {
@@ -186,7 +208,17 @@ impl<T: Real> Physics<T> {
             bending_laws: Vec::new(),
             flow_laws: Vec::new(),
             observation_laws: Vec::new(),
+            path_shifts: Vec::new(),
+            force_field: None,
         }
+    }
+
+    /// Whether a law knows more than the state of one particle: slices, a shape at rest or the past.
+    pub fn changes_material(&self) -> bool {
+        !(self.shape_laws.is_empty()
+            && self.flow_laws.is_empty()
+            && self.bending_laws.is_empty()
+            && self.memory_laws.is_empty())
     }
 
     /// What the cameras' clock shows above the robot's, s.
