@@ -27,7 +27,7 @@ mod state;
 mod stress;
 mod var;
 
-pub use paths::{KnotGradient, release_gradient};
+pub use paths::{KnotGradient, release_gradient, sample_gradient};
 pub use var::Var;
 
 use super::error::SimError;
