@@ -34,6 +34,8 @@ pub struct Queues {
     pub shutdown: AtomicBool,
     /// Set by the loop when it has ended.
     pub ended: AtomicBool,
+    /// When the next cycle is due, ns; kept by the loop.
+    pub next_cycle_ns: AtomicU64,
     lost: AtomicU64,
 }
 
@@ -50,6 +52,7 @@ impl Queues {
             records: record.then(|| ArrayQueue::new(RECORD_QUEUE)),
             shutdown: AtomicBool::new(false),
             ended: AtomicBool::new(false),
+            next_cycle_ns: AtomicU64::new(0),
             lost: AtomicU64::new(0),
         }
     }
@@ -179,11 +182,12 @@ impl<'a> Cycle<'a> {
             clock::sleep_until(deadline_ns);
             let woke_ns = clock::now_ns();
             let served_ns = grid.serve(woke_ns);
+            self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Relaxed);
             let output = self.turn(served_ns, grid.missed(), write);
             let done_ns = clock::now_ns();
             timing.note(deadline_ns, woke_ns, done_ns);
             if let Some(sent_ns) = self.first_served_ns(&output) {
-                timing.note_goal(sent_ns, done_ns);
+                timing.note_goal(sent_ns, woke_ns, done_ns);
             }
             if output.ended {
                 break;

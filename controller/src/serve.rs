@@ -2,7 +2,7 @@
 //! them in order.
 
 use crate::bridge::Bridge;
-use crate::constants::{BRIDGE_PAUSE_US, LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
+use crate::constants::{LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
 use crate::cycle::{Cycle, Queues};
 use crate::policy_file::{self, PolicyFile};
 use crate::recorder::{self, Recorder};
@@ -21,7 +21,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// What can be chosen about a run.
 #[derive(Clone, Debug)]
@@ -152,7 +151,7 @@ fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>) -> S
     let mut newest = Status::default();
     while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
         bridge.round(queues, &mut |status| tell(status, &mut newest));
-        std::thread::sleep(Duration::from_micros(BRIDGE_PAUSE_US));
+        bridge.rest(queues);
     }
     bridge.round(queues, &mut |status| tell(status, &mut newest));
     newest
@@ -257,6 +256,7 @@ fn summarise(timing: &Timing, last: &Status) {
     );
     eprintln!("controller: wake-up {}", timing.wake());
     eprintln!("controller: turn    {}", timing.turn());
+    eprintln!("controller: of these, turns that planned {}", timing.answer());
     eprintln!("controller: goal to first target {}", timing.goal());
 }
 

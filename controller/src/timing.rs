@@ -15,6 +15,7 @@ pub struct Timing {
     period_ns: Histogram<u64>,
     jitter_ns: Histogram<u64>,
     goal_ns: Histogram<u64>,
+    answer_ns: Histogram<u64>,
     last_deadline_ns: u64,
     last_woke_ns: u64,
     cost: Cost,
@@ -140,6 +141,7 @@ impl Default for Timing {
             period_ns: histogram(),
             jitter_ns: histogram(),
             goal_ns: histogram(),
+            answer_ns: histogram(),
             last_deadline_ns: 0,
             last_woke_ns: 0,
             cost: Cost::default(),
@@ -163,8 +165,10 @@ impl Timing {
         self.last_woke_ns = woke_ns;
     }
 
-    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`.
-    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64) {
+    /// Notes that the turn from `woke_ns` to `done_ns` planned a goal stamped `sent_ns` and sent its first
+    /// target.
+    pub fn note_goal(&mut self, sent_ns: u64, woke_ns: u64, done_ns: u64) {
+        self.answer_ns.saturating_record(done_ns.saturating_sub(woke_ns));
         self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
     }
 
@@ -186,6 +190,7 @@ impl Timing {
             (&mut self.period_ns, &other.period_ns),
             (&mut self.jitter_ns, &other.jitter_ns),
             (&mut self.goal_ns, &other.goal_ns),
+            (&mut self.answer_ns, &other.answer_ns),
         ];
         for (mine, theirs) in pairs {
             mine.add(theirs).expect("all have the same bounds");
@@ -228,6 +233,11 @@ impl Timing {
         &self.jitter_ns
     }
 
+    /// How long those turns took that planned a goal.
+    pub fn answer(&self) -> Percentiles {
+        (&self.answer_ns).into()
+    }
+
     /// Time from a goal's stamp to its first target.
     pub fn goal(&self) -> Percentiles {
         (&self.goal_ns).into()
@@ -248,7 +258,7 @@ mod tests {
         let mut timing = Timing::default();
         timing.note(1000, 1010, 1030);
         timing.note(2000, 2005, 2025);
-        timing.note_goal(500, 900);
+        timing.note_goal(500, 880, 900);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
         assert_eq!(timing.period().max_ns, 995);

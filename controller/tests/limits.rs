@@ -136,7 +136,7 @@ fn paced((cycle_ns, cycles_per_target): (u64, u32)) -> Setup {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn no_sequence_of_inputs_breaks_a_limit(

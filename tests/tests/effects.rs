@@ -5,10 +5,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use offline::effects::{self, ALL};
 use offline::sim::physics::{ForcePoint, StressPoint};
 use offline::sim::{Dual, Physics, Real, Rollout, simulate};
+use offline::verify::{Stepper, matrix, rows};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tests::derivatives::{Slope, lift, slope};
-use tests::stepper::{Stepper, matrix, rows};
 
 /// Most parameters that an effect has.
 const MOST: usize = 3;

@@ -280,22 +280,18 @@ impl<'a, T: Real> Setup<'a, T> {
         scene.check()?;
         let layout = scene.layout();
         let density = scene.rope.density_kg_m3();
+        let dt_s = time_step_s(scene, physics);
+        // Before anything of the size of the rope is built.
+        let steps = scene.steps(dt_s, layout.particles())?;
         let mut masses_kg: Vec<T> = (0..layout.particles())
             .map(|p| T::of(density * layout.particle_volume_m3(p)))
             .collect();
         for law in &physics.mass_laws {
             law.change_masses_kg(&layout, &mut masses_kg);
         }
-        let lame = physics.lame();
-        let viscosity = physics
-            .stress_laws
-            .iter()
-            .map(|law| law.viscosity_pa_s(&lame))
-            .fold(0.0, f64::max);
-        let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
         let context = StepContext {
             physics,
-            lame,
+            lame: physics.lame(),
             dt_s,
             diameter_m: scene.rope.diameter_m,
             table_m: scene.table.map(|t| t.height_m),
@@ -304,7 +300,7 @@ impl<'a, T: Real> Setup<'a, T> {
         Ok(Self {
             scene,
             masses_kg,
-            steps: scene.steps(dt_s, layout.particles())?,
+            steps,
             layout,
             context,
         })
@@ -415,6 +411,13 @@ pub fn grip_motions<T: Real>(
         Some(RigidMotion::at(&recorded, &start, held_m, laws, t_s + dt_s))
     };
     scene.grips.iter().enumerate().map(motion).collect()
+}
+
+/// The time step of a scene with a physics, s.
+pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    let lame = physics.lame();
+    let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
+    scene.time_step_s(lame.p_wave_modulus().value(), viscosities.fold(0.0, f64::max))
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
