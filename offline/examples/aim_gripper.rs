@@ -52,7 +52,15 @@ fn scene(path_m: &[[f64; 2]]) -> Result<Scene, SimError> {
         length_m: 0.02,
         path: ClampPath::from_samples(&samples),
     }];
-    Scene::new(rope, [0.0; 3], [0.0, 0.0, -1.0], grips, None, 1.5, vec![DURATION_S])
+    Scene::new(
+        rope,
+        [0.0; 3],
+        [0.0, 0.0, -1.0],
+        grips,
+        None,
+        1.5,
+        vec![DURATION_S],
+    )
 }
 
 /// The tip's coordinate along `axis` at the end, and its derivative with respect to the points of the
