@@ -19,6 +19,7 @@
 //! ([`step`]). Nothing here reads a clock, a file or a random source; the same scene gives the same
 //! bits for every thread count, because one rollout runs on one thread.
 
+mod blocks;
 pub mod clamp;
 pub mod dual;
 pub mod elastic;
