@@ -38,7 +38,8 @@ use super::physics::Physics;
 use super::real::{Float, Real};
 use super::rollout::{Recorder, Rollout, Setup};
 use super::scene::Scene;
-use super::sweep::{Body, Sweep};
+use super::blocks::Body;
+use super::sweep::Sweep;
 use super::tensor::Vec3;
 use plan::Plan;
 use seeds::Seeds;
@@ -155,8 +156,8 @@ fn run<F: Precision, M: Family, I: Instructions>(
     let physics = family.physics(&values);
     let setup = Setup::new(scene, &physics)?;
     let mut engine: Sweep<F, I> = setup.engine();
-    let nodes_bytes = size_of_val(engine.nodes.velocity.channel(0));
-    let state_bytes = size_of_val(&engine.bodies[..]) + nodes_bytes;
+    let nodes_bytes = size_of_val(engine.blocks.velocity.channel(0));
+    let state_bytes = size_of_val(&engine.blocks.bodies[..]) + nodes_bytes;
     let plan = Plan::new(setup.steps, state_bytes, nodes_bytes, budget_bytes).map_err(SimError::at_start)?;
     let mut record = Record::new(plan);
     let mut recorder = Recorder::new(scene);
@@ -215,8 +216,8 @@ impl<F: Precision, I: Instructions> Record<F, I> {
             return;
         }
         self.checkpoints.push(Checkpoint {
-            bodies: engine.bodies.clone(),
-            nodes: engine.nodes.velocity.channel(0).to_vec(),
+            bodies: engine.blocks.bodies.clone(),
+            nodes: engine.blocks.velocity.channel(0).to_vec(),
         });
         if segment >= self.plan.kept_from {
             self.nodes.push(Vec::new());
@@ -228,7 +229,7 @@ impl<F: Precision, I: Instructions> Record<F, I> {
         if step / self.plan.segment >= self.plan.kept_from
             && let Some(nodes) = self.nodes.last_mut()
         {
-            nodes.extend_from_slice(engine.nodes.velocity.channel(0));
+            nodes.extend_from_slice(engine.blocks.velocity.channel(0));
         }
     }
 }
