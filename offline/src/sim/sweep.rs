@@ -237,8 +237,9 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 continue;
             };
             for (member, offset) in held.offsets_m.iter().enumerate() {
-                let body =
-                    |channel: usize| &self.blocks.bodies[(held.block * T::CHANNELS + channel) * members + member];
+                let body = |channel: usize| {
+                    &self.blocks.bodies[(held.block * T::CHANNELS + channel) * members + member]
+                };
                 let number =
                     |read: fn(&Body<T::Plain<I>>, usize) -> T::Plain<I>, a: usize, lane: usize| -> T {
                         T::from_channels(|k| read(body(k), a).to_lanes()[lane])

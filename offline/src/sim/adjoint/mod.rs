@@ -30,6 +30,7 @@ mod var;
 pub use paths::{KnotGradient, release_gradient, sample_gradient};
 pub use var::Var;
 
+use super::blocks::Body;
 use super::error::SimError;
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
@@ -38,7 +39,6 @@ use super::physics::Physics;
 use super::real::{Float, Real};
 use super::rollout::{Recorder, Rollout, Setup};
 use super::scene::Scene;
-use super::blocks::Body;
 use super::sweep::Sweep;
 use super::tensor::Vec3;
 use plan::Plan;

@@ -334,7 +334,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 let body = &self.engine.blocks.bodies[index];
                 let (momentum, change) = self.engine.blocks.transfer.gather(block, member, &self.scratch);
                 let stress = change.map(|row| row.map(|x| x * stress_scale));
-                let elastic = pull_back_piola(&body.deformation_gradient, &self.engine.blocks.lame[0], &stress);
+                let elastic =
+                    pull_back_piola(&body.deformation_gradient, &self.engine.blocks.lame[0], &stress);
                 let mass = body.mass_kg * quarter;
                 let bar = &mut self.bars[index];
                 for k in 0..2 {
@@ -425,7 +426,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let splat = |x: F| F::Plain::<I>::splat(x);
         let mut of_motions = vec![MotionCotangent::default(); motions.len()];
         for held in 0..self.engine.blocks.held.len() {
-            let (block, grip) = (self.engine.blocks.held[held].block, self.engine.blocks.held[held].grip);
+            let (block, grip) = (
+                self.engine.blocks.held[held].block,
+                self.engine.blocks.held[held].grip,
+            );
             let Some(motion) = &motions[grip] else { continue };
             let width = self.engine.blocks.transfer.width;
             let transfer = &self.engine.blocks.transfer;
