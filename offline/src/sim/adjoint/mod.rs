@@ -2,15 +2,15 @@
 //!
 //! Forward mode ([`super::Dual`]) pays for every input; this pays once for all: elastic and effect
 //! parameters, hundreds of knots of the grippers' paths, a force along rope and time. The simulation
-//! runs forward and keeps what [`plan`] says, the caller looks at the rollout and says how its result
-//! changes with it ([`Cotangent`]), and the way back ([`reverse`]) gives the gradient.
+//! runs forward and keeps what `plan.rs` says, the caller looks at the rollout and says how its result
+//! changes with it ([`Cotangent`]), and the way back (`reverse.rs`) gives the gradient.
 //!
 //! | part of a step | its derivative |
 //! |---|---|
-//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of [`super::transfer`] |
-//! | elastic stress | by hand, safe at F = I ([`stress`]) |
-//! | table, friction, clamps | by hand ([`nodes`]) |
-//! | effects' laws, clamp motion, masses | recorded and swept ([`var`]): an effect needs no code for it |
+//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of `transfer.rs` |
+//! | elastic stress | by hand, safe at F = I (`stress.rs`) |
+//! | table, friction, clamps | by hand (`nodes.rs`) |
+//! | effects' laws, clamp motion, masses | recorded and swept (`var.rs`): an effect needs no code for it |
 //!
 //! Where a derivative does not exist, the code returns one side: a node that sticks to the table has
 //! derivative zero along it, contact that is open has none, and the step at which a clamp opens or a
