@@ -20,6 +20,7 @@
 //! bits for every thread count, because one rollout runs on one thread.
 
 pub mod adjoint;
+mod blocks;
 pub mod clamp;
 pub mod dual;
 pub mod elastic;

@@ -323,7 +323,11 @@ pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> 
     let held = stiffness.exceeds(T::zero());
     let inverse = T::one() / (mass + stiffness);
     let asked = mul(add(mul(velocity, mass), [px, py, pz]), inverse);
-    std::array::from_fn(|k| T::select(held, asked[k], velocity[k]))
+    [
+        T::select(held, asked[0], velocity[0]),
+        T::select(held, asked[1], velocity[1]),
+        T::select(held, asked[2], velocity[2]),
+    ]
 }
 
 /// Moves a particle on with its nodes.

@@ -3,13 +3,13 @@
 use super::Precision;
 use super::state::StateCotangent;
 use super::var::{Session, Var};
+use crate::sim::blocks::Body;
 use crate::sim::lanes::{Instructions, Lanes, MOST_LANES};
 use crate::sim::material::add_stress_laws;
 use crate::sim::physics::Physics;
 use crate::sim::real::{Arithmetic, Real};
 use crate::sim::rollout::Setup;
 use crate::sim::step::{Particle, force_of_laws};
-use crate::sim::sweep::Body;
 use crate::sim::tensor::{Mat3, Vec3, det};
 
 /// Derivatives of the result with respect to what the laws gave.
