@@ -8,7 +8,7 @@ use super::clamp::STIFFNESS;
 use super::elastic::{Lame, Strained, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
-use super::real::{Arithmetic, Real};
+use super::real::Real;
 use super::step::CONTACT_NEAR_CELLS;
 use super::tensor::{Mat3, Vec3, add, zero3};
 use super::transfer::Transfer;

@@ -45,6 +45,14 @@ pub enum Cause {
         /// Free length of rope between them, m.
         length_m: f64,
     },
+    /// A fixed time step is not stable.
+    #[error("a time step of {dt_s:.2e} s is not stable here: choose one of at most {longest_s:.2e} s")]
+    StepTooLong {
+        /// The step, s.
+        dt_s: f64,
+        /// The longest that is stable, s.
+        longest_s: f64,
+    },
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]
     BadParameter {

@@ -4,7 +4,7 @@
 use super::blocks::{Blocks, Body, Extra};
 use super::lanes::{Instructions, Laned, Lanes, MOST_LANES};
 use super::physics::{ForcePoint, StressPoint};
-use super::real::{Arithmetic, Real};
+use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::StepContext;
 use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, transpose_inverse, zero3};

@@ -232,7 +232,7 @@ fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rol
         .iter()
         .map(|law| law.viscosity_pa_s(&lame))
         .fold(0.0, f64::max);
-    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
+    let dt_s = scene.chosen_step_s(lame.p_wave_modulus().value(), viscosity)?;
     let context = StepContext {
         physics,
         lame,

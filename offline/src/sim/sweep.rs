@@ -108,7 +108,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         let blocks = &mut self.blocks;
         let members = blocks.transfer.members.len();
         for block in 0..blocks.transfer.blocks() {
-            let mut part = |blocks: &mut Blocks<T::Plain<I>>, part: Part<T::Plain<I>>| {
+            let part = |blocks: &mut Blocks<T::Plain<I>>, part: Part<T::Plain<I>>| {
                 <T::Plain<I> as Stepped>::step(blocks, &part).map_err(|stop| stopped(block, members, stop))
             };
             part(blocks, Part::Move(block))?;
