@@ -3,7 +3,7 @@
 
 use offline::demo::{
     CameraSpec, ClampSample, ClampSpec, CloudFrame, Demo, DemoSpec, FORMAT, MarkerSample, Observations,
-    RopeEnd, RopeSpec, SceneKind, TableSpec,
+    RopeEnd, RopeSpec, SceneKind, StartState, TableSpec,
 };
 use proptest::prelude::*;
 use std::fs;
@@ -35,14 +35,18 @@ fn cloud_demo() -> Demo {
                 diameter_m: 0.014,
                 mass_kg: 0.0385,
                 direction: [1.0, 0.0, 0.0],
+                end_mass_kg: 0.0,
+                assumed: Vec::new(),
             },
-            table: TableSpec {
+            start: StartState::Straight,
+            table: Some(TableSpec {
                 height_m: 0.0,
                 friction: 0.5,
-            },
+            }),
             clamps: vec![ClampSpec {
                 end: RopeEnd::Start,
                 grip_m: 0.02,
+                direction: None,
             }],
             cameras: vec![CameraSpec {
                 name: "left".to_owned(),
@@ -456,7 +460,7 @@ proptest! {
     ) {
         let mut demo = cloud_demo();
         demo.spec.notes = notes;
-        demo.spec.table.friction = friction;
+        demo.spec.table.as_mut().expect("it lies on a table").friction = friction;
         demo.spec.noise_m = noise_m;
         demo.spec.cameras[0].quaternion_xyzw = direction;
         demo.clamps = vec![path];

@@ -29,6 +29,8 @@ pub fn material() -> Material {
             diameter_m: DIAMETER_M,
             mass_kg: (mass_kg * 1e6).round() / 1e6,
             direction: [1.0, 0.0, 0.0],
+            end_mass_kg: 0.0,
+            assumed: Vec::new(),
         },
         young_pa: YOUNG_PA,
         segments: 50,

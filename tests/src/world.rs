@@ -7,7 +7,7 @@ use crate::effects::WorldEffects;
 use nalgebra::Vector3;
 use offline::demo::{
     CameraSpec, ClampSample, ClampSpec, CloudFrame, Demo, DemoSpec, FORMAT, Observations, SceneKind,
-    TableSpec,
+    StartState, TableSpec,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -77,7 +77,7 @@ pub fn record_demo(spec: &WorldSpec, effects: &WorldEffects, seed: u64) -> Demo 
     let radius = 0.5 * spec.material.rope.diameter_m;
     let mut frames = Vec::new();
     for truth in simulate(spec, effects) {
-        let points_m = observe(
+        let mut points_m = observe(
             &spec.cameras,
             effects.camera_offset_m,
             &truth.nodes_m,
@@ -85,6 +85,9 @@ pub fn record_demo(spec: &WorldSpec, effects: &WorldEffects, seed: u64) -> Demo 
             &spec.sensor,
             &mut random,
         );
+        for point in &mut points_m {
+            *point = effects.seen_at(*point, spec.start_m);
+        }
         // A lab leaves out a frame in which the rope has left the image.
         if !points_m.is_empty() {
             frames.push(CloudFrame {
@@ -110,14 +113,16 @@ fn declared(spec: &WorldSpec) -> DemoSpec {
     let clamp = |motion: &ClampMotion| ClampSpec {
         end: motion.end,
         grip_m: motion.grip_m,
+        direction: None,
     };
     DemoSpec {
         format: FORMAT.to_owned(),
         scene: spec.scene,
         noise_m: spec.sensor.noise_m,
         notes: spec.notes.clone(),
+        start: StartState::Straight,
         rope: spec.material.rope.clone(),
-        table: spec.table.clone(),
+        table: Some(spec.table.clone()),
         clamps: spec.clamps.iter().map(clamp).collect(),
         cameras: spec.cameras.clone(),
     }

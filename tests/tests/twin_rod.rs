@@ -22,6 +22,8 @@ fn material(young_pa: f64, direction: [f64; 3]) -> Material {
             diameter_m: DIAMETER,
             mass_kg: 0.0385,
             direction,
+            end_mass_kg: 0.0,
+            assumed: Vec::new(),
         },
         young_pa,
         segments: 25,

@@ -1,7 +1,9 @@
 //! What a demonstration's values must obey, the same for one that is read and one to be written.
 
 use super::table::line_of_row;
-use super::{ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, SceneKind};
+use super::{
+    ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, SceneKind, StartState,
+};
 use std::path::Path;
 
 /// Farthest coordinate from the origin that a table-top experiment can have, m.
@@ -30,6 +32,10 @@ pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
             clamp_path(&dir.join(format!("clamp_{index}_commanded.csv")), path)?;
         }
     }
+    start(&dir.join("demo.toml"), demo)?;
+    if demo.spec.scene == SceneKind::Static {
+        one_sample_per_frame(dir, demo)?;
+    }
     match &demo.observations {
         Observations::Clouds(frames) => {
             let times: Vec<f64> = frames.iter().map(|frame| frame.t_s).collect();
@@ -37,6 +43,51 @@ pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
         }
         Observations::Markers(samples) => markers(&dir.join("markers.csv"), samples, demo.spec.rope.length_m),
     }
+}
+
+/// Checks that the start can be made from what was measured.
+fn start(file: &Path, demo: &Demo) -> Result<(), DemoError> {
+    let spec = &demo.spec;
+    let fail = |problem: &str, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    let hangs = spec.start != StartState::Straight || spec.scene == SceneKind::Static;
+    if hangs && spec.clamps.is_empty() {
+        return fail("nothing holds the rope", "declare the clamp in [[clamps]]");
+    }
+    if spec.start == StartState::Moving && !matches!(demo.observations, Observations::Markers(_)) {
+        return fail(
+            "start = \"moving\" without markers",
+            "start at rest, or label points along the rope",
+        );
+    }
+    if spec.scene == SceneKind::Static && spec.start == StartState::Moving {
+        return fail(
+            "a static scene that starts moving",
+            "leave start out: every pose of it is at rest",
+        );
+    }
+    Ok(())
+}
+
+fn one_sample_per_frame(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
+    let frames = demo.times_s();
+    for (index, path) in demo.clamps.iter().enumerate() {
+        let times: Vec<f64> = path.iter().map(|sample| sample.t_s).collect();
+        if times == frames {
+            continue;
+        }
+        let row = times.iter().zip(&frames).take_while(|(a, b)| a == b).count();
+        let problem = format!(
+            "{} samples for {} poses, and the times differ from row {row} on",
+            times.len(),
+            frames.len()
+        );
+        return Err(DemoError::new(
+            &dir.join(format!("clamp_{index}.csv")),
+            problem,
+            "a static scene has one clamp sample per frame, at the frame's time",
+        ));
+    }
+    Ok(())
 }
 
 /// Checks the declared values; `file` is named in errors.
@@ -58,23 +109,35 @@ pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
         );
     }
     rope(file, spec)?;
-    if spec.table.height_m.is_nan() || spec.table.height_m.abs() > FARTHEST_M {
+    table(file, spec)?;
+    clamps(file, spec)?;
+    cameras(file, spec)
+}
+
+fn table(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    let Some(table) = &spec.table else {
+        if matches!(spec.scene, SceneKind::Lift) {
+            return fail(
+                "there is no [table], but a lift starts on one".into(),
+                "add [table] with height_m",
+            );
+        }
+        return Ok(());
+    };
+    if table.height_m.is_nan() || table.height_m.abs() > FARTHEST_M {
         return fail(
-            format!("table.height_m = {} is no height of a table", spec.table.height_m),
+            format!("table.height_m = {} is no height of a table", table.height_m),
             "give it in metres",
         );
     }
-    if !(0.0..=5.0).contains(&spec.table.friction) {
+    if !(0.0..=5.0).contains(&table.friction) {
         return fail(
-            format!(
-                "table.friction = {} is no friction coefficient",
-                spec.table.friction
-            ),
+            format!("table.friction = {} is no friction coefficient", table.friction),
             "give a value from 0 to 5",
         );
     }
-    clamps(file, spec)?;
-    cameras(file, spec)
+    Ok(())
 }
 
 fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
@@ -103,6 +166,15 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
             "give mass in kg, length and diameter in metres (5 to 20000 kg/m³)",
         );
     }
+    if !(0.0..=10.0).contains(&rope.end_mass_kg) {
+        return fail(
+            format!(
+                "rope.end_mass_kg = {} is no mass at a rope's end",
+                rope.end_mass_kg
+            ),
+            "give it in kg, from 0 to 10",
+        );
+    }
     unit(file, "rope.direction", &rope.direction)
 }
 
@@ -111,7 +183,7 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     let needed = match spec.scene {
         SceneKind::Lift => Some(1),
         SceneKind::Swing => Some(2),
-        SceneKind::Free => None,
+        SceneKind::Free | SceneKind::Static => None,
     };
     if let Some(needed) = needed.filter(|needed| *needed != spec.clamps.len()) {
         return fail(
@@ -129,6 +201,9 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
                 ),
                 "give the length of rope inside the gripper in metres, above 0 and below the rope's length",
             );
+        }
+        if let Some(direction) = &clamp.direction {
+            unit(file, &format!("the direction of clamp {index}"), direction)?;
         }
         gripped += clamp.grip_m;
         if spec.clamps[..index].iter().any(|other| other.end == clamp.end) {

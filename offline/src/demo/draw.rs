@@ -114,10 +114,10 @@ fn view(demo: &Demo, shown: &[Instant], axis: usize, from: &str) -> Panel {
     };
     let least = 2.0 * demo.spec.rope.diameter_m;
     let x = interval(values(0), 0.1, least);
-    let height = demo.spec.table.height_m;
-    let table = side.then_some(height);
+    let height = demo.spec.table.as_ref().map(|table| table.height_m);
+    let table = height.filter(|_| side);
     let y = interval(values(1).chain(table), 0.1, least);
-    if side {
+    if let Some(height) = table {
         // The table reaches as far as the widest view; the axes clip it.
         let far = 2.0 * (x.end - x.start);
         let points = vec![[x.start - far, height], [x.end + far, height]];

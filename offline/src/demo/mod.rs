@@ -6,12 +6,14 @@ mod draw;
 mod error;
 mod points;
 mod read;
+mod recording;
 mod summary;
 mod table;
 mod write;
 
 pub use draw::plot_svg;
 pub use error::DemoError;
+pub use recording::recording;
 pub use summary::{summary, warnings};
 
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,39 @@ pub enum SceneKind {
     Swing,
     /// Any clamps on given paths.
     Free,
+    /// Each frame is a pose in which the rope hangs still. Times only number the poses; every clamp
+    /// has one sample per frame, at the frame's time.
+    Static,
+}
+
+/// What the rope did at the first clamp sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StartState {
+    /// It lay straight and at rest along [`RopeSpec::direction`].
+    #[default]
+    Straight,
+    /// It hung still from its clamps.
+    Rest,
+    /// It moved, or was held by something that then let go: shape and velocity are those of the
+    /// first markers.
+    Moving,
+}
+
+impl StartState {
+    fn is_straight(&self) -> bool {
+        *self == Self::Straight
+    }
+}
+
+/// A measure of the rope that can be assumed instead of measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RopeMeasure {
+    /// [`RopeSpec::diameter_m`].
+    DiameterM,
+    /// [`RopeSpec::mass_kg`].
+    MassKg,
 }
 
 /// An end of the rope.
@@ -54,6 +89,17 @@ pub struct RopeSpec {
     /// Direction of the straight rope at the first clamp sample, from start to end.
     #[serde(default = "along_x")]
     pub direction: [f64; 3],
+    /// Known mass that sits at the rope's end (s = length) besides the rope's own, kg: a weight, a cap.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub end_mass_kg: f64,
+    /// Which of the values above nobody measured. Then only ratios are identified: stiffness per mass
+    /// where the mass is assumed, bending stiffness and not Young's modulus where the diameter is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub assumed: Vec<RopeMeasure>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 fn along_x() -> [f64; 3] {
@@ -83,6 +129,10 @@ pub struct ClampSpec {
     pub end: RopeEnd,
     /// Length of rope inside the grip, m.
     pub grip_m: f64,
+    /// Direction of the gripped piece at the first clamp sample, from the rope's start to its end;
+    /// [`RopeSpec::direction`] where it is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
 }
 
 /// A depth camera. The optical frame has z forward, x right, y down.
@@ -118,16 +168,27 @@ pub struct DemoSpec {
     /// Free text.
     #[serde(default)]
     pub notes: String,
+    /// What the rope did at the first clamp sample.
+    #[serde(default, skip_serializing_if = "StartState::is_straight")]
+    pub start: StartState,
     /// The rope.
     pub rope: RopeSpec,
-    /// The table.
-    pub table: TableSpec,
+    /// The table; none where the rope hangs far from anything.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<TableSpec>,
     /// Gripped ends, in the order of the clamp files.
     #[serde(default)]
     pub clamps: Vec<ClampSpec>,
     /// Cameras that made the clouds.
     #[serde(default)]
     pub cameras: Vec<CameraSpec>,
+}
+
+impl DemoSpec {
+    /// Declared friction on the table, zero without a table.
+    pub fn friction(&self) -> f64 {
+        self.table.as_ref().map_or(0.0, |table| table.friction)
+    }
 }
 
 /// One sample of a clamp path: the pose of the rope's end point on its axis (s = 0 or s = length).

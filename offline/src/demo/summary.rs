@@ -1,6 +1,6 @@
 //! What a person wants to know about a demonstration before fitting to it, and what looks wrong.
 
-use super::{ClampSample, Demo, DemoSpec, Observations, RopeEnd, SceneKind};
+use super::{ClampSample, Demo, DemoSpec, Observations, RopeEnd, RopeMeasure, SceneKind};
 use std::fmt::Write as _;
 
 /// A clamp that has moved by less than this is at rest, m.
@@ -27,6 +27,12 @@ pub fn summary(demo: &Demo) -> String {
         1e3 * rope.mass_kg,
         rope.mass_kg / volume
     );
+    if rope.end_mass_kg > 0.0 {
+        let _ = writeln!(text, "end       carries {:.1} g", 1e3 * rope.end_mass_kg);
+    }
+    for measure in &rope.assumed {
+        let _ = writeln!(text, "assumed   {}", assumption(*measure));
+    }
     let frames = frames(demo);
     let _ = writeln!(text, "seen      {}", observed(demo, &frames));
     for (index, path) in demo.clamps.iter().enumerate() {
@@ -37,12 +43,16 @@ pub fn summary(demo: &Demo) -> String {
         "rest      {} frames before the first motion",
         rest_frames(demo, &frames)
     );
+    let table = demo.spec.table.as_ref().map_or("no table".to_owned(), |table| {
+        format!(
+            "table at {:.3} m with friction {:.2}",
+            table.height_m, table.friction
+        )
+    });
     let _ = writeln!(
         text,
-        "declared  noise {:.2} mm, table at {:.3} m with friction {:.2}, {} cameras",
+        "declared  noise {:.2} mm, {table}, {} cameras",
         1e3 * demo.spec.noise_m,
-        demo.spec.table.height_m,
-        demo.spec.table.friction,
         demo.spec.cameras.len()
     );
     let warnings = warnings(demo);
@@ -53,6 +63,13 @@ pub fn summary(demo: &Demo) -> String {
         let _ = writeln!(text, "nothing looks wrong");
     }
     text
+}
+
+fn assumption(measure: RopeMeasure) -> &'static str {
+    match measure {
+        RopeMeasure::DiameterM => "diameter: bending stiffness is identified, Young's modulus is not",
+        RopeMeasure::MassKg => "mass: stiffness per mass is identified, stiffness is not",
+    }
 }
 
 /// What is allowed but looks wrong, one line each; empty for a plausible demonstration.
@@ -255,7 +272,10 @@ fn first_cloud(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
 /// Checks that the rope is above the table and, where one end is lifted, below the clamp.
 fn heights(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
     let mut found = Vec::new();
-    let floor = demo.spec.table.height_m - 5.0 * demo.spec.noise_m;
+    let Some(table) = &demo.spec.table else {
+        return found;
+    };
+    let floor = table.height_m - 5.0 * demo.spec.noise_m;
     let all: usize = frames.iter().map(|frame| frame.points.len()).sum();
     let under = frames
         .iter()

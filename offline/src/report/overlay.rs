@@ -52,7 +52,7 @@ pub(super) fn frames_shown(frames: usize) -> Vec<usize> {
 
 fn panels_of(demo: &Demo, before: &DemoView, after: &DemoView, dots: usize) -> Vec<Panel> {
     let shown = frames_shown(after.times_s.len().min(before.times_s.len()));
-    let height_m = demo.spec.table.height_m;
+    let height_m = demo.spec.table.as_ref().map(|table| table.height_m);
     let mut panels: Vec<Panel> = shown
         .iter()
         .map(|&frame| Panel {
@@ -83,7 +83,8 @@ fn panels_of(demo: &Demo, before: &DemoView, after: &DemoView, dots: usize) -> V
     let mut x = interval(values(0), 0.05, least);
     let mut y = interval(values(1), 0.05, least);
     // Close to the table the table belongs in the picture.
-    if y.start - height_m < 0.3 * (y.end - y.start) {
+    let near = height_m.filter(|height_m| y.start - height_m < 0.3 * (y.end - y.start));
+    if let Some(height_m) = near {
         y.start = y.start.min(height_m - 0.03 * (y.end - y.start));
     }
     let across = f64::from(WIDTH_PX - FRAME_PX.0);
@@ -91,11 +92,13 @@ fn panels_of(demo: &Demo, before: &DemoView, after: &DemoView, dots: usize) -> V
     let up = ((y.end - y.start) / scale).clamp(HEIGHT_PX.start, HEIGHT_PX.end);
     widen(&mut x, scale * across);
     widen(&mut y, scale * up);
-    let table = series(FAINT, Mark::Line(1), vec![[x.start, height_m], [x.end, height_m]]);
+    let table = height_m
+        .filter(|height_m| y.contains(height_m))
+        .map(|height_m| series(FAINT, Mark::Line(1), vec![[x.start, height_m], [x.end, height_m]]));
     for panel in &mut panels {
         (panel.x, panel.y) = (x.clone(), y.clone());
         panel.size_px.1 = FRAME_PX.1 + up.round() as u32;
-        if y.contains(&height_m) {
+        if let Some(table) = &table {
             panel.series.insert(0, table.clone());
         }
     }

@@ -156,6 +156,7 @@ fn demo_row(demo: &Demo, role: &str) -> Markup {
         SceneKind::Lift => "lift",
         SceneKind::Swing => "swing",
         SceneKind::Free => "free",
+        SceneKind::Static => "static poses",
     };
     let (instants, points) = match &demo.observations {
         Observations::Clouds(frames) => (frames.len(), frames.iter().map(|f| f.points_m.len()).sum()),

@@ -101,8 +101,10 @@ pub struct Blocks<L: Lanes> {
 pub enum Part<'a, L> {
     /// Brings a block the velocities of the nodes and moves it.
     Move(usize),
-    /// Sums up at the nodes what a block gives: inertia, stress, laws, and the table's push.
+    /// Sums up at the nodes what a block gives: inertia, stress, laws.
     Give(usize),
+    /// Sums up the table's springs under a block.
+    Press(usize),
     /// Sums up the springs of a share of a grip; its motion by channel.
     Clamp(usize, &'a [GripMotion<L>]),
 }
@@ -140,6 +142,8 @@ impl<L: Lanes> Blocks<L> {
                 for channel in 0..self.channels {
                     self.give_momentum(block, channel)?;
                 }
+            }
+            Part::Press(block) => {
                 if let Some(lowest_m) = self.lowest_m {
                     self.press(block, lowest_m);
                 }
@@ -154,8 +158,9 @@ impl<L: Lanes> Blocks<L> {
         (block * self.channels + channel) * self.transfer.members.len()
     }
 
+    /// Nodes to particles, for one channel of a block.
     #[inline(always)]
-    fn move_bodies(&mut self, block: usize, channel: usize) {
+    pub fn move_bodies(&mut self, block: usize, channel: usize) {
         let members = self.transfer.members.len();
         self.transfer
             .read_planes(block, 3, self.velocity.channel(channel), &mut self.nodes);
@@ -243,11 +248,7 @@ impl<L: Lanes> Blocks<L> {
     #[inline(always)]
     fn press(&mut self, block: usize, lowest_m: f64) {
         let gap = self.mean_height(block, 0) - L::of(lowest_m);
-        let far = gap.exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
-        if L::everywhere(far) {
-            return;
-        }
-        let near = L::select(far, L::zero(), L::of(STIFFNESS));
+        let Some(near) = self.near(gap) else { return };
         let pull = L::of(-1.0 / self.dt_s);
         let (width, first) = (self.transfer.width, self.first(block, 0));
         for channel in 0..self.channels {
@@ -275,6 +276,27 @@ impl<L: Lanes> Blocks<L> {
                 .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
         }
         self.mark(block, near);
+    }
+
+    /// κ in the lanes whose slice is near the table, by its gap, zero in the others; none if all are far.
+    #[inline(always)]
+    pub fn near(&self, gap: L) -> Option<L> {
+        let far = gap.exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
+        if L::everywhere(far) {
+            return None;
+        }
+        Some(L::select(far, L::zero(), L::of(STIFFNESS)))
+    }
+
+    /// Forgets what was summed up at the nodes, without an update.
+    pub fn forget(&mut self) {
+        self.momentum.clear();
+        for plane in 0..self.constrained.len() {
+            if std::mem::take(&mut self.constrained[plane]) {
+                self.contact.clear_plane(self.channels, plane);
+                self.clamps.clear_plane(self.channels, plane);
+            }
+        }
     }
 
     /// One channel of the mean height of each slice of a block, m.

@@ -1,6 +1,6 @@
 //! Forward-mode differentiation: a value with N tangents that pass through every operation.
 
-use super::real::{Arithmetic, Float, Real};
+use super::real::{Arithmetic, Float, Real, Triple};
 use super::tensor::{Mat3, matmul, transpose, transpose_inverse};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -100,47 +100,20 @@ impl<F: Arithmetic, const N: usize> SubAssign for Dual<F, N> {
     }
 }
 
-/// Three dual numbers: their lanes run along the tangents.
-#[derive(Clone, Copy, Debug)]
-pub struct Triple<F, const N: usize>([Dual<F, N>; 3]);
-
-impl<F: Float, const N: usize> Add for Triple<F, N> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
-    }
-}
-
-impl<F: Float, const N: usize> Sub for Triple<F, N> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
-    }
-}
-
-impl<F: Float, const N: usize> AddAssign for Triple<F, N> {
-    #[inline(always)]
-    fn add_assign(&mut self, b: Self) {
-        *self = *self + b;
-    }
-}
-
 impl<F: Float, const N: usize> Real for Dual<F, N> {
     type Base = F;
-    type Packed = Triple<F, N>;
+    type Packed = Triple<Self>;
 
     #[inline(always)]
-    fn pack(v: [Self; 3]) -> Triple<F, N> {
+    fn pack(v: [Self; 3]) -> Triple<Self> {
         Triple(v)
     }
     #[inline(always)]
-    fn unpack(v: Triple<F, N>) -> [Self; 3] {
+    fn unpack(v: Triple<Self>) -> [Self; 3] {
         v.0
     }
     #[inline(always)]
-    fn packed_times(v: Triple<F, N>, c: F) -> Triple<F, N> {
+    fn packed_times(v: Triple<Self>, c: F) -> Triple<Self> {
         Triple([v.0[0].times(c), v.0[1].times(c), v.0[2].times(c)])
     }
 

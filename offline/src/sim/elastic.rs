@@ -23,6 +23,11 @@ impl<T: Arithmetic> Lame<T> {
         }
     }
 
+    /// Young's modulus μ (3λ + 2μ)/(λ + μ), Pa.
+    pub fn young_pa(&self) -> T {
+        self.mu * (self.lambda.scale(3.0) + self.mu.scale(2.0)) / (self.lambda + self.mu)
+    }
+
     /// P-wave modulus λ + 2μ, Pa.
     pub fn p_wave_modulus(&self) -> T {
         self.lambda + self.mu.scale(2.0)
@@ -59,6 +64,19 @@ impl<T: Arithmetic> Strained<T> {
             cofactors,
             j: dot(f[0], cofactors[0]),
         }
+    }
+
+    /// Σ c ∂P/∂μ and Σ c ∂P/∂λ.
+    #[inline(always)]
+    pub fn by_moduli(&self, c: &Mat3<T>) -> [T; 2] {
+        let (mut shear, mut volume) = (T::zero(), T::zero());
+        for a in 0..3 {
+            for b in 0..3 {
+                shear = c[a][b].times_plus(self.f[a][b] - self.rotation[a][b], shear);
+                volume = c[a][b].times_plus(self.cofactors[a][b], volume);
+            }
+        }
+        [shear + shear, volume * (self.j - T::one())]
     }
 
     /// First Piola-Kirchhoff stress, Pa.

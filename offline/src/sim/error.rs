@@ -1,4 +1,7 @@
 //! Why a simulation refused to start or stopped: always typed, never a repair, never silence.
+//!
+//! Nothing can leave the grid, because the grid belongs to the material ([`super::grid`]); what runs
+//! away in space is stopped as too fast or as not finite. `offline verify` produces every cause.
 
 use thiserror::Error;
 
@@ -19,8 +22,8 @@ pub enum Cause {
         /// Index of the particle.
         particle: usize,
     },
-    /// A particle moved further than half a cell in one step.
-    #[error("particle {particle} moves at {speed_m_s:.1} m/s, too fast for the time step")]
+    /// A particle moved further than half a cell in one step: the CFL condition is violated.
+    #[error("particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL)")]
     TooFast {
         /// Index of the particle.
         particle: usize,
@@ -53,6 +56,29 @@ pub enum Cause {
         /// The longest that is stable, s.
         longest_s: f64,
     },
+    /// A gradient does not fit into the memory that it may use.
+    #[error(
+        "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"
+    )]
+    Memory {
+        /// The least that would do.
+        needed_bytes: usize,
+        /// What was allowed.
+        budget_bytes: usize,
+    },
+    /// The rollout would not end within reason.
+    #[error(
+        "{steps:.1e} steps of {particles} particles are too much: choose a coarser grid, a shorter time, or less stiffness or internal damping, which shorten the step"
+    )]
+    TooLong {
+        /// Steps from start to end.
+        steps: f64,
+        /// Particles.
+        particles: usize,
+    },
+    /// Reverse mode does not know a law.
+    #[error("a law changes the material or what is seen, which reverse mode cannot undo: use tangents")]
+    OneWay,
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]
     BadParameter {

@@ -97,11 +97,13 @@ impl<B: Arithmetic> Rows<B> {
         }
     }
 
-    fn clear(&mut self) {
+    /// Sets everything to zero.
+    pub fn clear(&mut self) {
         self.values.fill(B::zero());
     }
 
-    fn clear_plane(&mut self, channels: usize, plane: usize) {
+    /// Sets a plane to zero.
+    pub fn clear_plane(&mut self, channels: usize, plane: usize) {
         for k in 0..channels {
             let at = self.at(k, plane, 0, 0);
             self.values[at..at + self.rows * self.width].fill(B::zero());
@@ -111,8 +113,10 @@ impl<B: Arithmetic> Rows<B> {
 
 /// Masses of the nodes, kg, and one over them, zero where there is no mass.
 pub struct NodeMasses<T: Laned> {
-    mass: Rows<T::Base>,
-    inverse: Rows<T::Base>,
+    /// Mass, kg.
+    pub mass: Rows<T::Base>,
+    /// One over the mass, 1/kg; zero where no particle is near.
+    pub inverse: Rows<T::Base>,
 }
 
 impl<T: Laned> NodeMasses<T> {

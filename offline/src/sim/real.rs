@@ -53,9 +53,16 @@ pub trait Arithmetic:
 }
 
 /// `f32` or `f64`.
-pub trait Float: Real + PartialOrd {}
-impl Float for f32 {}
-impl Float for f64 {}
+pub trait Float: Real + PartialOrd {
+    /// Distance from one to the next number.
+    const EPSILON: f64;
+}
+impl Float for f32 {
+    const EPSILON: f64 = f32::EPSILON as f64;
+}
+impl Float for f64 {
+    const EPSILON: f64 = f64::EPSILON;
+}
 
 /// One real number with the operations that laws need.
 pub trait Real: Arithmetic {
@@ -88,6 +95,33 @@ pub trait Real: Arithmetic {
     fn exp(self) -> Self;
     /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
+}
+
+/// Three numbers side by side: the packed vector of number types that have no vector register.
+#[derive(Clone, Copy, Debug)]
+pub struct Triple<T>(pub(super) [T; 3]);
+
+impl<T: Real> Add for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
+    }
+}
+
+impl<T: Real> Sub for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
+    }
+}
+
+impl<T: Real> AddAssign for Triple<T> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
 }
 
 /// Newton's iteration R ← (R + R⁻ᵀ)/2 from F (Higham 1986). Rope strains are small, so it converges

@@ -1,25 +1,34 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::RigidMotion;
+use super::clamp::{RigidMotion, grip_forces_n};
+use super::elastic::Lame;
 use super::error::{Cause, SimError};
 use super::grid::{Grid, GridSpec};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
-use super::physics::Physics;
+use super::material::Material;
+use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::Scene;
-use super::step::{Particle, StepContext, grid_to_particles, particles_to_grid, update_nodes};
+use super::scene::{Grip, Scene};
+use super::step::{
+    MomentumField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
+};
 use super::sweep::Sweep;
-use super::tensor::{Vec3, add, norm, scaled, sub, value3, zero3};
+use super::tensor::{Vec3, add, mul, norm, scaled, sub, value3, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
 #[derive(Clone, Debug)]
 pub struct Rollout<T> {
-    /// Centreline per recorded time: one point per slice, m.
+    /// Centreline per recorded time as the cameras report it: one point per slice, m.
     pub frames: Vec<Vec<Vec3<T>>>,
+    /// The same as it was, at the time when the frame was taken.
+    pub tracks: Vec<Track<T>>,
+    /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
+    /// zero at the start and where a grip is open.
+    pub grip_forces_n: Vec<Vec<Vec3<T>>>,
     /// Arc length of each slice, m.
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
@@ -28,6 +37,35 @@ pub struct Rollout<T> {
     pub steps: usize,
     /// Time step, s.
     pub dt_s: f64,
+}
+
+/// A centreline in motion.
+#[derive(Clone, Debug)]
+pub struct Track<T> {
+    /// One point per slice, m.
+    pub points_m: Vec<Vec3<T>>,
+    /// Their velocities, m/s.
+    pub velocities_m_s: Vec<Vec3<T>>,
+}
+
+impl<T: Real> Track<T> {
+    /// What the cameras report of it. The clocks' offset has chosen the time already; what is left of
+    /// it here are its tangents.
+    pub fn seen(&self, physics: &Physics<T>, pivot_m: [f64; 3]) -> Vec<Vec3<T>> {
+        let mut frame = self.points_m.clone();
+        if physics.observation_laws.is_empty() {
+            return frame;
+        }
+        let offset_s = physics.clock_offset_s();
+        let tangents_s = T::of(offset_s.value()) - offset_s;
+        for (point, &velocity) in frame.iter_mut().zip(&self.velocities_m_s) {
+            *point = add(*point, mul(velocity, tangents_s));
+            for law in &physics.observation_laws {
+                *point = add(*point, law.displacement_m(*point, pivot_m));
+            }
+        }
+        frame
+    }
 }
 
 /// Particles of the undeformed rope at rest.
@@ -70,6 +108,10 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    // Lanes run along the slices and know single particles; what slices share or remember they do not.
+    if physics.changes_material() {
+        return simulate_one_by_one(scene, physics);
+    }
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") {
@@ -111,20 +153,26 @@ fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> 
 }
 
 /// A way to do the steps.
-trait Engine<T> {
+pub(super) trait Engine<T> {
     /// A rope in the state of `particles`, which lie slice by slice.
     fn new(
         context: &StepContext<T>,
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        material: Material<T>,
     ) -> Self;
     /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
     fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
+    /// Adds the momentum that forces per length, N/m, give in the step at hand to particles that stand
+    /// for these lengths, m, by slice.
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
     /// Updates the nodes.
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
-    /// The fastest particle and its speed, m/s; NaN counts as fastest.
+    /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
     fn fastest(&self) -> (usize, f64);
+    /// Force of every grip on the rope in the step that ended in this state, N.
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>>;
     /// Number of slices.
     fn slices(&self) -> usize;
     /// Middle of a slice and its velocity, m and m/s.
@@ -138,12 +186,16 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        _material: Material<T>,
     ) -> Self {
         Sweep::new(context, layout, grid, &particles)
     }
     #[inline(always)]
     fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
         Sweep::sweep(self, context, motions)
+    }
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+        Sweep::push(self, context, force_n_m, lengths_m);
     }
     #[inline(always)]
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
@@ -152,6 +204,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     #[inline(always)]
     fn fastest(&self) -> (usize, f64) {
         Sweep::fastest(self)
+    }
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+        Sweep::grip_forces_n(self, motions, dt_s)
     }
     fn slices(&self) -> usize {
         Sweep::slices(self)
@@ -165,6 +220,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
 /// One particle after the other.
 struct OneByOne<T: Real> {
     particles: Vec<Particle<T>>,
+    material: Material<T>,
     grid: Grid<T>,
     section: usize,
 }
@@ -175,17 +231,36 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        material: Material<T>,
     ) -> Self {
         let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
         Self {
             grid: Grid::new(layout, grid, &masses),
+            material,
             particles,
             section: context.section,
         }
     }
     fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
         grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
-        particles_to_grid(&self.particles, &mut self.grid, context, motions)
+        particles_to_grid(
+            &self.particles,
+            &mut self.material,
+            &mut self.grid,
+            context,
+            motions,
+        )
+    }
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+        for index in 0..self.particles.len() {
+            let slice = index / self.section;
+            let field = MomentumField {
+                at_particle: scaled(force_n_m[slice], context.dt_s * lengths_m[slice]),
+                slope: [zero3(); 3],
+            };
+            let (link, nodes) = (&self.grid.links[index], &mut self.grid.nodes);
+            scatter(link, self.grid.spacing_m, &field, nodes);
+        }
     }
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
         update_nodes(&mut self.grid, context, decay);
@@ -193,12 +268,18 @@ impl<T: Real> Engine<T> for OneByOne<T> {
     fn fastest(&self) -> (usize, f64) {
         let mut fastest = (0, 0.0);
         for (index, p) in self.particles.iter().enumerate() {
+            if !norm(value3(p.position_m)).is_finite() {
+                return (index, f64::NAN);
+            }
             let speed = norm(value3(p.velocity_m_s));
             if speed > fastest.1 || speed.is_nan() {
                 fastest = (index, speed);
             }
         }
         fastest
+    }
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+        grip_forces_n(&self.particles, motions, dt_s)
     }
     fn slices(&self) -> usize {
         self.particles.len() / self.section
@@ -217,66 +298,229 @@ impl<T: Real> Engine<T> for OneByOne<T> {
 
 #[inline(always)]
 fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    check_parameters(physics)?;
-    let layout = scene.layout();
+    let setup = Setup::new(scene, physics)?;
+    let mut engine: E = setup.engine();
+    let mut recorder = Recorder::new(scene);
+    for state in 0..=setup.steps {
+        let motions = setup.motions(state);
+        setup.sweep(&mut engine, state, &motions)?;
+        recorder.record(&engine, state, &setup);
+        if state < setup.steps {
+            setup.update_nodes(&mut engine, state);
+        }
+        recorder.motions = motions;
+    }
+    Ok(recorder.finish(&setup))
+}
+
+/// What a rollout fixes before its first step.
+pub(super) struct Setup<'a, T> {
+    pub(super) scene: &'a Scene,
+    pub(super) layout: RopeLayout,
+    pub(super) masses_kg: Vec<T>,
+    pub(super) context: StepContext<'a, T>,
+    pub(super) steps: usize,
+}
+
+impl<'a, T: Real> Setup<'a, T> {
+    pub(super) fn new(scene: &'a Scene, physics: &'a Physics<T>) -> Result<Self, SimError> {
+        check_parameters(physics)?;
+        scene.check()?;
+        let layout = scene.layout();
+        let dt_s = scene.chosen_step_s(time_step_s(scene, physics))?;
+        // Before anything of the size of the rope is built.
+        // A camera's clock that is behind sees the rope later than it says.
+        let late_s = (-physics.clock_offset_s().value()).max(0.0);
+        let steps = scene.steps(dt_s, late_s, layout.particles())?;
+        let masses_kg = masses_kg(scene, physics, &layout);
+        let context = StepContext {
+            physics,
+            lame: physics.lame(),
+            dt_s,
+            diameter_m: scene.rope.diameter_m,
+            table_m: scene.table.map(|t| t.height_m),
+            section: layout.section_m.len(),
+        };
+        Ok(Self {
+            scene,
+            masses_kg,
+            steps,
+            layout,
+            context,
+        })
+    }
+
+    /// Time at the start of a step, s.
+    pub(super) fn time_s(&self, step: usize) -> f64 {
+        step as f64 * self.context.dt_s
+    }
+
+    /// Factor on every velocity in a step.
+    pub(super) fn decay(&self, step: usize) -> f64 {
+        match self.scene.settling {
+            Some(settling) if self.time_s(step) < settling.until_s => {
+                libm::exp(-settling.rate_per_s * self.context.dt_s)
+            }
+            _ => 1.0,
+        }
+    }
+
+    /// Forces per length of the slices during a step.
+    pub(super) fn forces(&self, step: usize) -> Option<&[Vec3<T>]> {
+        let field = self.context.physics.force_field.as_ref()?;
+        Some(&field.force_n_m[field.block(self.time_s(step))?])
+    }
+
+    /// Length of rope of a particle of each slice, m.
+    pub(super) fn lengths_m(&self) -> Vec<f64> {
+        let share = 1.0 / self.context.section as f64;
+        self.layout.slices.iter().map(|s| s.length_m * share).collect()
+    }
+
+    /// Motion of each closed grip at the end of a step.
+    pub(super) fn motions(&self, step: usize) -> Vec<Option<RigidMotion<T>>> {
+        let dt_s = self.context.dt_s;
+        grip_motions(self.scene, self.context.physics, self.time_s(step), dt_s)
+    }
+
+    /// A stop in a step.
+    pub(super) fn stop(&self, step: usize, cause: Cause) -> SimError {
+        SimError {
+            step,
+            t_s: self.time_s(step),
+            cause,
+        }
+    }
+
+    /// An engine with the rope as it lies at the start.
+    #[inline(always)]
+    pub(super) fn engine<E: Engine<T>>(&self) -> E {
+        let particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
+        let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
+        E::new(&self.context, &self.layout, self.scene.grid, particles, material)
+    }
+
+    /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
+    /// for runaway particles, because an instability takes many steps to grow, and at the last state.
+    #[inline(always)]
+    pub(super) fn sweep<E: Engine<T>>(
+        &self,
+        engine: &mut E,
+        state: usize,
+        motions: &[Option<RigidMotion<T>>],
+    ) -> Result<(), SimError> {
+        engine
+            .sweep(&self.context, motions)
+            .map_err(|cause| self.stop(state, cause))?;
+        if state % CHECK_EVERY == 1 || state == self.steps {
+            let cell_per_step = self.scene.grid.spacing_m / self.context.dt_s;
+            check_speed(engine.fastest(), cell_per_step)
+                .map_err(|cause| self.stop(state.saturating_sub(1), cause))?;
+        }
+        Ok(())
+    }
+
+    /// The rest of a step.
+    #[inline(always)]
+    pub(super) fn update_nodes<E: Engine<T>>(&self, engine: &mut E, step: usize) {
+        if let Some(force_n_m) = self.forces(step) {
+            engine.push(&self.context, force_n_m, &self.lengths_m());
+        }
+        engine.update_nodes(&self.context, self.decay(step));
+    }
+}
+
+/// Where each closed grip stands at the end of the step that begins at `t_s`.
+pub fn grip_motions<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    t_s: f64,
+    dt_s: f64,
+) -> Vec<Option<RigidMotion<T>>> {
+    let motion = |(index, grip): (usize, &Grip)| {
+        let (path, first) = (&grip.path, grip.path.knots()[0].pose);
+        let opens_late = path.closed(t_s - physics.release_delay_s.value());
+        if !(path.closed(t_s) || opens_late) {
+            return None;
+        }
+        let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
+        let recorded = |t: T| match shift {
+            Some(shift) => path.shifted_pose(shift, t),
+            None => path.pose(t),
+        };
+        let start: Pose<T> = match shift {
+            Some(shift) => std::array::from_fn(|k| T::of(first[k]) + shift.knots[0].pose[k]),
+            None => first.map(T::of),
+        };
+        let held_m = [first[0], first[1], first[2]];
+        let laws = &physics.path_laws;
+        Some(RigidMotion::at(&recorded, &start, held_m, laws, t_s + dt_s))
+    };
+    scene.grips.iter().enumerate().map(motion).collect()
+}
+
+/// Masses of the particles as the laws leave them, kg.
+pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayout) -> Vec<T> {
     let density = scene.rope.density_kg_m3();
     let mut masses: Vec<T> = (0..layout.particles())
         .map(|p| T::of(density * layout.particle_volume_m3(p)))
         .collect();
     for law in &physics.mass_laws {
-        law.change_masses_kg(&layout, &mut masses);
+        law.change_masses_kg(layout, &mut masses);
     }
-    let lame = physics.lame();
-    let viscosity = physics
-        .stress_laws
-        .iter()
-        .map(|law| law.viscosity_pa_s(&lame))
-        .fold(0.0, f64::max);
-    let dt_s = scene.chosen_step_s(lame.p_wave_modulus().value(), viscosity)?;
-    let context = StepContext {
-        physics,
-        lame,
-        dt_s,
-        diameter_m: scene.rope.diameter_m,
-        table_m: scene.table.map(|t| t.height_m),
-        section: layout.section_m.len(),
+    masses
+}
+
+/// Where the scene's grips end.
+pub fn mouths(scene: &Scene) -> Vec<Mouth> {
+    let mouth = |grip: &Grip| match grip.end {
+        RopeEnd::Start => Mouth {
+            arc_m: grip.length_m,
+            outwards: 1.0,
+        },
+        RopeEnd::End => Mouth {
+            arc_m: scene.rope.length_m - grip.length_m,
+            outwards: -1.0,
+        },
     };
-    let particles = initial_particles(scene, &layout, &masses);
-    let mut engine = E::new(&context, &layout, scene.grid, particles);
-    let mut recorder = Recorder::new(scene);
-    let steps = (scene.duration_s / dt_s).ceil() as usize;
-    for number in 0..=steps {
-        let t_s = number as f64 * dt_s;
-        let stop = |step: usize, cause| SimError {
-            step,
-            t_s: step as f64 * dt_s,
-            cause,
-        };
-        let motions = grip_motions(scene, physics, t_s, dt_s);
-        engine
-            .sweep(&context, &motions)
-            .map_err(|cause| stop(number, cause))?;
-        if number % CHECK_EVERY == 1 {
-            check_speed(engine.fastest(), scene.grid.spacing_m / dt_s)
-                .map_err(|cause| stop(number - 1, cause))?;
-        }
-        recorder.record(&engine, t_s);
-        if number == steps {
-            break;
-        }
-        let decay = match scene.settling {
-            Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
-            _ => 1.0,
-        };
-        engine.update_nodes(&context, decay);
+    scene.grips.iter().map(mouth).collect()
+}
+
+/// The time step of a scene with all laws of a physics, s. A piece that is lighter than the rope as
+/// declared counts as that much stiffer, because wave speed and diffusivity go with their ratio.
+pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    let lame = physics.lame();
+    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
+    let modulus = lame.p_wave_modulus().value() * stiffest_bending(scene, physics) + stiffening;
+    let lightness = lightness(scene, physics);
+    let of_memory = |f: fn(&dyn MemoryLaw<T>, &Lame<T>) -> f64| -> f64 {
+        physics.memory_laws.iter().map(|law| f(law.as_ref(), &lame)).sum()
+    };
+    let viscosity = of_memory(|law, lame| law.viscosity_pa_s(lame));
+    let quick = of_memory(|law, lame| law.modulus_pa(lame));
+    let viscous = scene.time_step_s(modulus * lightness, viscosity * lightness);
+    viscous.max(scene.time_step_s((modulus + quick) * lightness, 0.0))
+}
+
+/// Declared density over the least that the laws leave, at least one.
+fn lightness<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    if physics.mass_laws.is_empty() {
+        return 1.0;
     }
-    Ok(Rollout {
-        frames: recorder.frames,
-        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
-        reach_m: recorder.reach_m,
-        steps,
-        dt_s,
-    })
+    let layout = scene.layout();
+    let density = scene.rope.density_kg_m3();
+    let masses = masses_kg(scene, physics, &layout);
+    let declared = |p| T::of(density * layout.particle_volume_m3(p)).value();
+    let ratios = masses.iter().enumerate().map(|(p, m)| declared(p) / m.value());
+    ratios.fold(1.0, f64::max)
+}
+
+/// Largest bending stiffness of a slice as a multiple of the solid section's, at least one.
+fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    if physics.bending_laws.is_empty() {
+        return 1.0;
+    }
+    Material::new(physics, &scene.layout(), &mouths(scene)).largest_bending()
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
@@ -292,14 +536,19 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     if !(friction.is_finite() && friction >= 0.0) {
         return bad("friction", friction);
     }
+    for component in physics.gravity_m_s2 {
+        if !component.value().is_finite() {
+            return bad("gravity_m_s2", component.value());
+        }
+    }
     Ok(())
 }
 
-/// Steps between two looks for runaway particles: an instability takes many steps to grow.
+/// Steps between two looks for runaway particles.
 const CHECK_EVERY: usize = 16;
 
 fn check_speed((particle, speed_m_s): (usize, f64), cell_per_step: f64) -> Result<(), Cause> {
-    if speed_m_s.is_nan() {
+    if !speed_m_s.is_finite() {
         return Err(Cause::NonFinite { particle });
     }
     if speed_m_s > 0.5 * cell_per_step {
@@ -308,58 +557,85 @@ fn check_speed((particle, speed_m_s): (usize, f64), cell_per_step: f64) -> Resul
     Ok(())
 }
 
-fn grip_motions<T: Real>(
-    scene: &Scene,
-    physics: &Physics<T>,
-    t_s: f64,
-    dt_s: f64,
-) -> Vec<Option<RigidMotion<T>>> {
-    scene
-        .grips
-        .iter()
-        .map(|grip| {
-            grip.path.closed(t_s).then(|| {
-                let pose = grip.path.real_pose(&physics.path_laws, t_s + dt_s);
-                RigidMotion::between(&grip.path.knots()[0].pose, &pose)
-            })
-        })
-        .collect()
+/// Where a frame lies: after which step, and how far from its end (within the last step, so negative).
+#[derive(Clone, Copy)]
+pub(super) struct FrameMark {
+    pub(super) state: usize,
+    pub(super) ahead_s: f64,
 }
 
-/// Takes down the centreline at the scene's frame times and the tip's reach.
-struct Recorder<'a, T> {
+/// Takes down the centreline at the scene's frame times, as the cameras report it, and the tip's reach.
+pub(super) struct Recorder<'a, T> {
     scene: &'a Scene,
     frames: Vec<Vec<Vec3<T>>>,
+    tracks: Vec<Track<T>>,
+    grip_forces_n: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
+    /// Motions of the grips in the step before.
+    pub(super) motions: Vec<Option<RigidMotion<T>>>,
+    /// Where each frame was taken.
+    pub(super) marks: Vec<FrameMark>,
+    /// After which step the tip reached furthest.
+    pub(super) reach_state: usize,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
-    fn new(scene: &'a Scene) -> Self {
+    pub(super) fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
             frames: Vec::with_capacity(scene.frame_times_s.len()),
+            tracks: Vec::with_capacity(scene.frame_times_s.len()),
+            grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
+            motions: vec![None; scene.grips.len()],
+            marks: Vec::new(),
+            reach_state: 0,
         }
     }
 
+    /// Looks at the rope after `state` steps.
     #[inline(always)]
-    fn record(&mut self, engine: &impl Engine<T>, now_s: f64) {
+    pub(super) fn record(&mut self, engine: &impl Engine<T>, state: usize, setup: &Setup<T>) {
+        let now_s = setup.time_s(state);
+        let physics = setup.context.physics;
+        let offset_s = physics.clock_offset_s().value();
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
+            // Before the start the rope lies as at the start.
+            let due = (due - offset_s).max(0.0);
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
-            let point = |slice| {
-                let (place, velocity) = engine.slice_mean(slice);
-                add(place, scaled(velocity, due - now_s))
+            let ahead_s = due - now_s;
+            let middles = (0..engine.slices()).map(|slice| engine.slice_mean(slice));
+            let track = Track {
+                points_m: middles.clone().map(|(p, v)| add(p, scaled(v, ahead_s))).collect(),
+                velocities_m_s: middles.map(|(_, v)| v).collect(),
             };
-            self.frames.push((0..engine.slices()).map(point).collect());
+            self.frames.push(track.seen(physics, self.scene.start_m));
+            self.tracks.push(track);
+            self.marks.push(FrameMark { state, ahead_s });
+            self.grip_forces_n
+                .push(engine.grip_forces_n(&self.motions, setup.context.dt_s));
         }
         if now_s >= self.scene.score_from_s {
             let tip = tip_x(engine);
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
+                self.reach_state = state;
             }
+        }
+    }
+
+    pub(super) fn finish(&mut self, setup: &Setup<T>) -> Rollout<T> {
+        Rollout {
+            frames: std::mem::take(&mut self.frames),
+            tracks: std::mem::take(&mut self.tracks),
+            grip_forces_n: std::mem::take(&mut self.grip_forces_n),
+            arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
+            reach_m: self.reach_m,
+            steps: setup.steps,
+            dt_s: setup.context.dt_s,
         }
     }
 }
@@ -373,12 +649,14 @@ fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
     last + (last - before).scale(0.5)
 }
 
-/// Two unit vectors that complete `axis` to a right-handed frame.
+/// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a
+/// rope that hangs or stands is one that was turned about y without a roll, so that properties of the
+/// material keep their side from a lift to a swing.
 fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]
     } else {
-        [0.0, 1.0, 0.0]
+        [-axis[2].signum(), 0.0, 0.0]
     };
     let along = axis.iter().zip(&helper).map(|(a, h)| a * h).sum::<f64>();
     let up = sub(helper, axis.map(|a| a * along));

@@ -1,12 +1,13 @@
 //! One time step of MLS-MPM: particles to grid, grid update, grid to particles.
 
 use super::clamp::{RigidMotion, STIFFNESS};
-use super::elastic::{Lame, piola_stress};
+use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
-use super::physics::{ForcePoint, Physics, StressPoint};
+use super::material::{Material, Motion};
+use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
-use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, sub, transpose_inverse};
+use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +30,14 @@ pub struct Particle<T> {
     pub grip: Option<(usize, [f64; 3])>,
 }
 
+impl<T> Particle<T> {
+    /// Deformation gradient and its rate.
+    #[inline(always)]
+    pub fn motion(&self) -> Motion<'_, T> {
+        (&self.deformation_gradient, &self.deformation_rate)
+    }
+}
+
 /// Constants of a rollout that every step uses.
 pub struct StepContext<'a, T> {
     /// Coefficients and laws.
@@ -45,17 +54,18 @@ pub struct StepContext<'a, T> {
     pub section: usize,
 }
 
-/// Advances the particles by one step. `motions` holds the motion of each closed grip at the end of
+/// Advances particles and material by one step. `motions` holds the motion of each closed grip at the end of
 /// the step; `decay` multiplies every velocity (1 outside settling).
 #[inline(always)]
 pub fn step<T: Real>(
     particles: &mut [Particle<T>],
+    material: &mut Material<T>,
     grid: &mut Grid<T>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
-    particles_to_grid(particles, grid, context, motions)?;
+    particles_to_grid(particles, material, grid, context, motions)?;
     update_nodes(grid, context, decay);
     grid_to_particles(particles, grid, context.dt_s);
     Ok(())
@@ -65,14 +75,16 @@ pub fn step<T: Real>(
 #[inline(always)]
 pub fn particles_to_grid<T: Real>(
     particles: &[Particle<T>],
+    material: &mut Material<T>,
     grid: &mut Grid<T>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
 ) -> Result<(), Cause> {
     grid.clear();
+    material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
-        let field = momentum_field(particle, context, grid.spacing_m, index)?;
-        scatter(index, &field, grid);
+        let field = momentum_field(particle, material, context, grid.spacing_m, index)?;
+        scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.nodes);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
             scatter_clamp(index, stiffness, velocity, grid);
         }
@@ -94,25 +106,22 @@ pub fn grid_to_particles<T: Real>(particles: &mut [Particle<T>], grid: &Grid<T>,
 /// Momentum that a particle gives to a node at the undeformed offset d:
 /// w (m v + dt f + (m Ḟ − dt V P 4/dx²) d), Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff
 /// stress P in place of the Kirchhoff stress because offsets are undeformed.
-struct MomentumField<T> {
-    at_particle: Vec3<T>,
-    slope: Mat3<T>,
+pub(super) struct MomentumField<T> {
+    pub(super) at_particle: Vec3<T>,
+    pub(super) slope: Mat3<T>,
 }
 
 #[inline(always)]
 fn momentum_field<T: Real>(
     particle: &Particle<T>,
+    material: &Material<T>,
     context: &StepContext<T>,
     dx: f64,
     index: usize,
 ) -> Result<MomentumField<T>, Cause> {
-    let f = &particle.deformation_gradient;
-    let (mut pk1, j) = piola_stress(f, &context.lame);
+    let (pk1, j) = material.piola(index, particle.motion(), context.physics, &context.lame);
     if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
-    }
-    if !context.physics.stress_laws.is_empty() {
-        add_stress_laws(particle, context, j, &mut pk1);
     }
     let stress_scale = -context.dt_s * particle.volume_m3 * 4.0 / (dx * dx);
     let m = particle.mass_kg;
@@ -122,20 +131,27 @@ fn momentum_field<T: Real>(
     }
     let mut at_particle = mul(particle.velocity_m_s, m);
     if !context.physics.force_laws.is_empty() {
-        let axis = [f[0][0], f[1][0], f[2][0]];
-        let point = ForcePoint {
-            position_m: particle.position_m,
-            velocity_m_s: particle.velocity_m_s,
-            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
-            length_m: particle.length_m,
-            diameter_m: context.diameter_m,
-            mass_kg: m,
-        };
-        for law in &context.physics.force_laws {
-            at_particle = add(at_particle, scaled(law.force_n(&point), context.dt_s));
-        }
+        let force_n = force_of_laws(particle, context);
+        at_particle = add(at_particle, scaled(force_n, context.dt_s));
     }
     Ok(MomentumField { at_particle, slope })
+}
+
+/// Sum of the force laws, N.
+pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>) -> Vec3<T> {
+    let f = &particle.deformation_gradient;
+    let axis = [f[0][0], f[1][0], f[2][0]];
+    let point = ForcePoint {
+        position_m: particle.position_m,
+        velocity_m_s: particle.velocity_m_s,
+        tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+        length_m: particle.length_m,
+        diameter_m: context.diameter_m,
+        mass_kg: particle.mass_kg,
+    };
+    let laws = &context.physics.force_laws;
+    laws.iter()
+        .fold([T::zero(); 3], |sum, law| add(sum, law.force_n(&point)))
 }
 
 /// Why a deformation gradient with this determinant stops a run.
@@ -148,30 +164,10 @@ pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
     }
 }
 
-/// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j: T, pk1: &mut Mat3<T>) {
-    let f = &particle.deformation_gradient;
-    let inverse_transposed = transpose_inverse(f);
-    // L = Ḟ F⁻¹.
-    let velocity_gradient = matmul_transposed(&particle.deformation_rate, &inverse_transposed);
-    for law in &context.physics.stress_laws {
-        let kirchhoff = law.kirchhoff_pa(&StressPoint {
-            deformation_gradient: f,
-            velocity_gradient: &velocity_gradient,
-            volume_ratio: j,
-            lame: &context.lame,
-        });
-        let extra = matmul(&kirchhoff, &inverse_transposed);
-        for a in 0..3 {
-            pk1[a] = add(pk1[a], extra[a]);
-        }
-    }
-}
-
 /// Stiffness of a gripped particle's spring as a mass, κ m, and the velocity that would bring it to
 /// its place within the step.
 #[inline(always)]
-fn clamp_target<T: Real>(
+pub(super) fn clamp_target<T: Real>(
     particle: &Particle<T>,
     motions: &[Option<RigidMotion<T>>],
     dt_s: f64,
@@ -183,13 +179,18 @@ fn clamp_target<T: Real>(
 }
 
 #[inline(always)]
-fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) {
-    let dx = T::base(grid.spacing_m);
+pub(super) fn scatter<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    field: &MomentumField<T>,
+    nodes: &mut [T::Packed],
+) {
+    let dx = T::base(spacing_m);
     let Link {
         slots,
         weights,
         offset_m,
-    } = &grid.links[index];
+    } = link;
     // The value at the middle node, and its change from node to node along each axis.
     let slope = &field.slope;
     let mut middle = field.at_particle;
@@ -207,14 +208,14 @@ fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) 
             let momenta = [lines[j] - along_z, lines[j], lines[j] + along_z];
             for k in 0..3 {
                 let entry = 9 * i + 3 * j + k;
-                grid.nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
+                nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
             }
         }
     }
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
-fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
     grid.constrained = true;
     let link = &grid.links[index];
     for entry in 0..STENCIL {
@@ -234,25 +235,17 @@ pub const CONTACT_NEAR_CELLS: f64 = 0.1;
 /// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
 /// the rope's radius, and may not move down by more than its gap within the step. This is the contact
 /// of a row of spheres; a lying rope touches as it should, and its end counts as round.
-fn scatter_contact<T: Real>(
+pub(super) fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
     table_m: f64,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
-    let near_m = CONTACT_NEAR_CELLS * grid.spacing_m;
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let mut height = T::zero();
-        for p in members {
-            height += p.position_m[2];
-        }
-        let gap = height.scale(1.0 / members.len() as f64) - lowest;
-        if gap.value() > near_m {
+        let Some(asked) = asked_of_slice(members, table_m, context, grid.spacing_m) else {
             continue;
-        }
+        };
         grid.constrained = true;
-        let asked = -gap.scale(1.0 / context.dt_s);
         for (member, p) in members.iter().enumerate() {
             let link = &grid.links[slice * context.section + member];
             let stiffness = p.mass_kg.scale(STIFFNESS);
@@ -264,6 +257,22 @@ fn scatter_contact<T: Real>(
             }
         }
     }
+}
+
+/// Upward velocity that brings a slice onto the table within the step; none where it is not near.
+pub(super) fn asked_of_slice<T: Real>(
+    members: &[Particle<T>],
+    table_m: f64,
+    context: &StepContext<T>,
+    spacing_m: f64,
+) -> Option<T> {
+    let lowest = T::of(table_m + 0.5 * context.diameter_m);
+    let mut height = T::zero();
+    for p in members {
+        height += p.position_m[2];
+    }
+    let gap = height.scale(1.0 / members.len() as f64) - lowest;
+    (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
 }
 
 /// Turns momenta into velocities: weight, settling, table, clamps.
@@ -321,9 +330,27 @@ pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> 
     ]
 }
 
+/// Moves a particle on with its nodes.
 #[inline(always)]
 fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
-    let link = &grid.links[index];
+    let (velocity, rate) = field_of_nodes(&grid.links[index], grid.spacing_m, &grid.nodes);
+    for a in 0..3 {
+        let f = &mut particle.deformation_gradient[a];
+        *f = add(*f, scaled(rate[a], dt_s));
+    }
+    particle.deformation_rate = rate;
+    particle.velocity_m_s = velocity;
+    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+}
+
+/// Velocity Σ w v and affine field 4/dx² Σ w v dᵀ that the nodes' velocities give to a particle: the
+/// transpose of [`scatter`], with the slope scaled.
+#[inline(always)]
+pub(super) fn field_of_nodes<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    nodes: &[T::Packed],
+) -> (Vec3<T>, Mat3<T>) {
     let zero = T::pack([T::zero(); 3]);
     // Σ w v (offset along z and y), offsets counted in cells from the middle node.
     let (mut moment_y, mut moment_z) = (zero, zero);
@@ -333,7 +360,7 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
         for j in 0..3 {
             let at = |k: usize| {
                 let entry = 9 * i + 3 * j + k;
-                T::packed_times(grid.nodes[link.slots[entry] as usize], link.weights[entry])
+                T::packed_times(nodes[link.slots[entry] as usize], link.weights[entry])
             };
             let (low, high) = (at(0), at(2));
             lines[j] = low + at(1) + high;
@@ -344,16 +371,14 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
     }
     let velocity = T::unpack(planes[0] + planes[1] + planes[2]);
     let moment = [planes[2] - planes[0], moment_y, moment_z].map(T::unpack);
-    let dx = T::base(grid.spacing_m);
-    let scale = T::base(4.0 / (grid.spacing_m * grid.spacing_m));
+    let dx = T::base(spacing_m);
+    let scale = T::base(4.0 / (spacing_m * spacing_m));
+    let mut rate = [[T::zero(); 3]; 3];
     for a in 0..3 {
         for b in 0..3 {
             let centred = moment[b][a].times(dx) - velocity[a].times(link.offset_m[b]);
-            particle.deformation_rate[a][b] = centred.times(scale);
+            rate[a][b] = centred.times(scale);
         }
-        let f = &mut particle.deformation_gradient[a];
-        *f = add(*f, scaled(particle.deformation_rate[a], dt_s));
     }
-    particle.velocity_m_s = velocity;
-    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+    (velocity, rate)
 }

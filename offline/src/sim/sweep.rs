@@ -7,7 +7,7 @@
 //! every tangent.
 
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped, Stop};
-use super::clamp::RigidMotion;
+use super::clamp::{RigidMotion, STIFFNESS};
 use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::GridSpec;
@@ -17,13 +17,13 @@ use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, NodeMasses, Rows, Update, update};
 use super::real::{Arithmetic, Real};
 use super::rope::RopeLayout;
 use super::step::{Particle, StepContext, inverted_or_not_finite};
-use super::tensor::Vec3;
+use super::tensor::{Vec3, zero3};
 use super::transfer::Transfer;
 
 /// The particles and nodes of a rope, in registers.
 pub struct Sweep<T: Laned, I: Instructions> {
-    blocks: Blocks<T::Plain<I>>,
-    masses: NodeMasses<T>,
+    pub(super) blocks: Blocks<T::Plain<I>>,
+    pub(super) masses: NodeMasses<T>,
     laws: Option<Laws>,
     slices: usize,
 }
@@ -118,19 +118,59 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
             }
             part(blocks, Part::Give(block))?;
         }
+        self.springs(motions);
+        Ok(())
+    }
+
+    /// The springs of table and clamps on the nodes.
+    pub(super) fn springs(&mut self, motions: &[Option<RigidMotion<T>>]) {
+        let blocks = &mut self.blocks;
+        // Springs never stop a run.
+        if blocks.lowest_m.is_some() {
+            for block in 0..blocks.transfer.blocks() {
+                let _ = <T::Plain<I> as Stepped>::step(blocks, &Part::Press(block));
+            }
+        }
         let motions: Vec<Option<Vec<GripMotion<T::Plain<I>>>>> = motions
             .iter()
             .map(|motion| motion.as_ref().map(in_registers::<T, I>))
             .collect();
         for share in 0..blocks.held.len() {
-            let held = &blocks.held[share];
-            if let Some(motion) = &motions[held.grip] {
-                let block = held.block;
-                <T::Plain<I> as Stepped>::step(blocks, &Part::Clamp(share, motion))
-                    .map_err(|stop| stopped(block, members, stop))?;
+            if let Some(motion) = &motions[blocks.held[share].grip] {
+                let _ = <T::Plain<I> as Stepped>::step(blocks, &Part::Clamp(share, motion));
             }
         }
-        Ok(())
+    }
+
+    /// Adds the momentum that forces per length of the slices, N/m, give in the step at hand.
+    pub(super) fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+        for block in 0..self.blocks.transfer.blocks() {
+            let real = (self.slices - block * Self::COUNT).min(Self::COUNT);
+            for channel in 0..T::CHANNELS {
+                let impulse: Vec3<T::Plain<I>> = std::array::from_fn(|a| {
+                    T::Plain::<I>::from_lanes(|lane| {
+                        if lane >= real {
+                            return T::base(0.0);
+                        }
+                        let slice = block * Self::COUNT + lane;
+                        let share = context.dt_s * lengths_m[slice];
+                        force_n_m[slice][a].scale(share).channel(channel)
+                    })
+                });
+                let nodes = &mut self.blocks.nodes;
+                nodes.fill(T::Plain::<I>::zero());
+                let still = [zero3(); 3];
+                for member in 0..self.blocks.transfer.members.len() {
+                    self.blocks
+                        .transfer
+                        .scatter(block, member, &impulse, &still, nodes);
+                }
+                let momentum = self.blocks.momentum.channel_mut(channel);
+                self.blocks
+                    .transfer
+                    .add_to_planes(block, 3, true, nodes, momentum);
+            }
+        }
     }
 
     /// Updates the nodes; `decay` multiplies every velocity (1 outside settling).
@@ -147,18 +187,21 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
 
     /// Largest speed, m/s, and its particle; NaN counts as largest.
     pub fn fastest(&self) -> (usize, f64) {
-        let members = self.blocks.transfer.members.len();
+        let (members, count) = (self.blocks.transfer.members.len(), <T::Plain<I> as Lanes>::COUNT);
         let mut fastest = (0, 0.0);
-        for block in 0..self.blocks.transfer.blocks() {
-            let first = block * T::CHANNELS * members;
-            for (member, body) in self.blocks.bodies[first..first + members].iter().enumerate() {
-                let lanes = body.velocity_m_s.map(Lanes::to_lanes);
-                for lane in 0..Self::COUNT {
-                    let square: f64 = lanes.iter().map(|v| v[lane].value().powi(2)).sum();
-                    let speed = square.sqrt();
-                    if speed > fastest.1 || speed.is_nan() {
-                        fastest = ((block * Self::COUNT + lane) * members + member, speed);
-                    }
+        for (index, body) in self.blocks.bodies.iter().enumerate() {
+            let (block, member) = (index / (members * T::CHANNELS), index % (members * T::CHANNELS));
+            if member >= members {
+                continue;
+            }
+            let square_of = |[x, y, z]: Vec3<T::Plain<I>>| z.times_plus(z, y.times_plus(y, x * x));
+            let place = square_of(body.position_m);
+            // Zero where the position is finite, and NaN where it is not.
+            let square = square_of(body.velocity_m_s) + (place - place);
+            for (lane, square) in square.to_lanes().into_iter().enumerate().take(count) {
+                let speed = square.value().sqrt();
+                if speed > fastest.1 || speed.is_nan() {
+                    fastest = ((block * count + lane) * members + member, speed);
                 }
             }
         }
@@ -183,6 +226,38 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
             })
         };
         (mean(|body| &body.position_m), mean(|body| &body.velocity_m_s))
+    }
+
+    /// Force of every grip on the rope in the step that ended in this state, N, as
+    /// [`super::clamp::grip_forces_n`] has it.
+    pub fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+        let (members, count) = (self.blocks.transfer.members.len(), <T::Plain<I> as Lanes>::COUNT);
+        let mut forces = vec![zero3(); motions.len()];
+        for held in &self.blocks.held {
+            let Some(motion) = &motions[held.grip] else {
+                continue;
+            };
+            for (member, offset) in held.offsets_m.iter().enumerate() {
+                let body = |channel: usize| {
+                    &self.blocks.bodies[(held.block * T::CHANNELS + channel) * members + member]
+                };
+                let number =
+                    |read: fn(&Body<T::Plain<I>>, usize) -> T::Plain<I>, a: usize, lane: usize| -> T {
+                        T::from_channels(|k| read(body(k), a).to_lanes()[lane])
+                    };
+                let (mask, offset) = (held.mask.to_lanes(), offset.map(Lanes::to_lanes));
+                for lane in (0..count).filter(|&lane| mask[lane].value() != 0.0) {
+                    let place = motion.place(offset.map(|lanes| lanes[lane].value()));
+                    let mass: T = number(|body, _| body.mass_kg, 0, lane);
+                    let stiffness = mass.scale(STIFFNESS / (dt_s * dt_s));
+                    for a in 0..3 {
+                        let gap = place[a] - number(|body, a| body.position_m[a], a, lane);
+                        forces[held.grip][a] += gap * stiffness;
+                    }
+                }
+            }
+        }
+        forces
     }
 
     /// Number of slices.

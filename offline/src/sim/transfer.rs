@@ -121,6 +121,19 @@ impl<L: Lanes> Transfer<L> {
         }
     }
 
+    /// The transpose for one member: Σ w of what is given at the nodes it meets.
+    pub fn weigh_back(&self, slice: usize, member: usize, nodes: &[f64]) -> f64 {
+        let (link, member) = (&self.slices[slice], &self.members[member]);
+        let mut sum = 0.0;
+        for i in 0..3 {
+            let plane = &nodes[(link.plane + i) * self.width..];
+            for (&node, &weight) in member.nodes.iter().zip(&member.weights) {
+                sum += link.weights[i].value() * weight.value() * plane[node as usize];
+            }
+        }
+        sum
+    }
+
     /// Number of registers that hold one member of every slice.
     pub fn blocks(&self) -> usize {
         self.offsets.len()
@@ -251,6 +264,17 @@ impl<L: Lanes> Transfer<L> {
                 }
             }
         }
+    }
+
+    /// Σ w v for one row of nodes of a member's slice.
+    #[inline(always)]
+    pub fn gather_value(&self, member: usize, nodes: &[L]) -> L {
+        let link = &self.members[member];
+        let mut sum = L::zero();
+        for entry in 0..NODES {
+            sum = node(nodes, link, entry).times_plus(L::splat(link.weights[entry]), sum);
+        }
+        sum
     }
 
     /// Adds a value that is the same everywhere to the nodes of a member's slice.
