@@ -11,7 +11,6 @@
 use offline::demo::RopeEnd;
 use offline::sim::adjoint::{Cotangent, DEFAULT_BUDGET_BYTES, Family, differentiate, sample_gradient};
 use offline::sim::clamp::ClampPath;
-use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene};
 use offline::sim::{Physics, Real, SimError};

@@ -11,7 +11,6 @@
 use offline::demo::RopeEnd;
 use offline::sim::clamp::ClampPath;
 use offline::sim::lanes::Laned;
-use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
