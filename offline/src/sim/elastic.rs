@@ -23,6 +23,11 @@ impl<T: Arithmetic> Lame<T> {
         }
     }
 
+    /// Young's modulus μ (3λ + 2μ)/(λ + μ), Pa.
+    pub fn young_pa(&self) -> T {
+        self.mu * (self.lambda.scale(3.0) + self.mu.scale(2.0)) / (self.lambda + self.mu)
+    }
+
     /// P-wave modulus λ + 2μ, Pa.
     pub fn p_wave_modulus(&self) -> T {
         self.lambda + self.mu.scale(2.0)

@@ -29,6 +29,7 @@ pub mod grid;
 pub mod kernel;
 pub mod lanes;
 mod laws;
+pub mod material;
 mod nodes;
 pub mod physics;
 pub mod real;

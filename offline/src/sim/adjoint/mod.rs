@@ -16,6 +16,9 @@
 //! derivative zero along it, contact that is open has none, and the step at which a clamp opens or a
 //! frame is due is not differentiated, nor is the time step (see [`super::Scene::time_step_s`]).
 //! Forward mode makes the same choices.
+//!
+//! Laws that change the material or what is seen ([`Physics::changes_material`], observation laws) are
+//! refused: the way back would have to undo what they remember. Forward mode has their derivatives.
 
 mod laws;
 mod nodes;
@@ -31,7 +34,7 @@ pub use paths::{KnotGradient, release_gradient, sample_gradient};
 pub use var::Var;
 
 use super::blocks::Body;
-use super::error::SimError;
+use super::error::{Cause, SimError};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
@@ -95,7 +98,8 @@ impl<F: Float + Laned<Base = F>> Precision for F {}
 /// changes with it.
 ///
 /// # Errors
-/// As [`super::simulate`], and [`super::Cause::Memory`] where `budget_bytes` is too small.
+/// As [`super::simulate`], [`super::Cause::Memory`] where `budget_bytes` is too small, and
+/// [`super::Cause::OneWay`] where a law changes the material or what is seen.
 ///
 /// # Panics
 /// The cotangent's shape is not that of the rollout's frames.
@@ -154,6 +158,9 @@ fn run<F: Precision, M: Family, I: Instructions>(
 ) -> Result<Differentiated<F>, SimError> {
     let values: Vec<F> = theta.iter().map(|&x| F::of(x)).collect();
     let physics = family.physics(&values);
+    if physics.changes_material() || !physics.observation_laws.is_empty() {
+        return Err(SimError::at_start(Cause::OneWay));
+    }
     let setup = Setup::new(scene, &physics)?;
     let mut engine: Sweep<F, I> = setup.engine();
     let nodes_bytes = size_of_val(engine.blocks.velocity.channel(0));
