@@ -20,6 +20,11 @@ use super::step::{Particle, StepContext, inverted_or_not_finite};
 use super::tensor::{Vec3, zero3};
 use super::transfer::Transfer;
 
+/// Reads a vector of a body.
+type VectorOf<L> = fn(&Body<L>) -> &Vec3<L>;
+/// Reads a number of a body by index.
+type NumberOf<L> = fn(&Body<L>, usize) -> L;
+
 /// The particles and nodes of a rope, in registers.
 pub struct Sweep<T: Laned, I: Instructions> {
     pub(super) blocks: Blocks<T::Plain<I>>,
@@ -130,7 +135,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     }
 
     fn clamp(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        let motions: Vec<Option<Vec<GripMotion<T::Plain<I>>>>> = motions
+        let motions: Vec<_> = motions
             .iter()
             .map(|motion| motion.as_ref().map(in_registers::<T, I>))
             .collect();
@@ -211,7 +216,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     pub fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
         let members = self.blocks.transfer.members.len();
         let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
-        let mean = |vector: fn(&Body<T::Plain<I>>) -> &Vec3<T::Plain<I>>| -> Vec3<T> {
+        let mean = |vector: VectorOf<T::Plain<I>>| -> Vec3<T> {
             std::array::from_fn(|a| {
                 let sum = T::from_channels(|k| {
                     let first = (block * T::CHANNELS + k) * members;
@@ -240,10 +245,9 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 let body = |channel: usize| {
                     &self.blocks.bodies[(held.block * T::CHANNELS + channel) * members + member]
                 };
-                let number =
-                    |read: fn(&Body<T::Plain<I>>, usize) -> T::Plain<I>, a: usize, lane: usize| -> T {
-                        T::from_channels(|k| read(body(k), a).to_lanes()[lane])
-                    };
+                let number = |read: NumberOf<T::Plain<I>>, a: usize, lane: usize| -> T {
+                    T::from_channels(|k| read(body(k), a).to_lanes()[lane])
+                };
                 let (mask, offset) = (held.mask.to_lanes(), offset.map(Lanes::to_lanes));
                 for lane in (0..Self::COUNT).filter(|&lane| mask[lane].value() != 0.0) {
                     let place = motion.place(offset.map(|lanes| lanes[lane].value()));

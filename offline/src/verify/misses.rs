@@ -37,9 +37,9 @@ pub fn known(case: &Case) -> Option<&'static str> {
         return None;
     }
     let starts = |start: &&str| case.name.starts_with(*start);
-    if case.name.ends_with("order of convergence") && ORDERS.iter().any(|start| starts(&start)) {
+    if case.name.ends_with("order of convergence") && ORDERS.iter().any(|start| starts(start)) {
         return Some(ORDER);
     }
-    let found = MISSES.iter().find(|(start, _)| starts(&start));
+    let found = MISSES.iter().find(|(start, _)| starts(start));
     found.map(|(_, cause)| *cause)
 }

@@ -28,13 +28,16 @@ pub(super) fn has_laws<T>(physics: &Physics<T>) -> bool {
     !(physics.stress_laws.is_empty() && physics.force_laws.is_empty())
 }
 
+/// One member of a block's slices, and its dx Ḟ.
+type Moving<'a, L> = (&'a Body<L>, &'a Mat3<L>);
+
 /// Pulls `wanted` back to the state of one member of a block's slices, into `bar`, and to the
-/// parameters, on the tape's foot. `rate` is dx Ḟ.
+/// parameters, on the tape's foot.
 pub(super) fn pull_back_laws<F: Precision, I: Instructions>(
     session: &Session,
     vars: &Setup<Var>,
     (block, member): (usize, usize),
-    (body, rate): (&Body<F::Plain<I>>, &Mat3<F::Plain<I>>),
+    (body, rate): Moving<F::Plain<I>>,
     wanted: &LawCotangent<F::Plain<I>>,
     bar: &mut StateCotangent<F::Plain<I>>,
 ) {

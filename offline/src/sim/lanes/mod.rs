@@ -185,7 +185,7 @@ fn polar_by_invariants<T: Arithmetic>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
         let t = x.times_plus(x, -trace);
         let value = (t * t).times_plus(T::of(0.25), -two_j.times_plus(x, square));
         let change = unfinished * value / t.times_plus(x, -two_j);
-        x = x - change;
+        x -= change;
         // The error after this round is of the order of the square of the change.
         let more = change.exceeds(T::of(tolerance));
         unfinished = T::select(more, unfinished, T::zero());
