@@ -37,7 +37,7 @@ pub fn known(case: &Case) -> Option<&'static str> {
         return None;
     }
     let starts = |start: &&str| case.name.starts_with(*start);
-    if case.name.ends_with("order of convergence") && ORDERS.iter().any(|start| starts(start)) {
+    if case.name.ends_with("order of convergence") && ORDERS.iter().any(&starts) {
         return Some(ORDER);
     }
     let found = MISSES.iter().find(|(start, _)| starts(start));
