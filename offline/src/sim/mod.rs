@@ -24,6 +24,7 @@ mod blocks;
 pub mod clamp;
 pub mod dual;
 pub mod elastic;
+mod engine;
 pub mod error;
 pub mod grid;
 pub mod kernel;

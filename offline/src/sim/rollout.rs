@@ -1,9 +1,9 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::{RigidMotion, grip_forces_n};
+use super::clamp::RigidMotion;
 use super::elastic::Lame;
+use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
-use super::grid::{Grid, GridSpec};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
@@ -12,11 +12,9 @@ use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene};
-use super::step::{
-    MomentumField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
-};
+use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
-use super::tensor::{Vec3, add, mul, norm, scaled, sub, value3, zero3};
+use super::tensor::{Vec3, add, mul, scaled, sub, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -150,150 +148,6 @@ unsafe fn run_avx2<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Roll
 #[inline(always)]
 fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     run::<T, Sweep<T, I>>(scene, physics)
-}
-
-/// A way to do the steps.
-pub(super) trait Engine<T> {
-    /// A rope in the state of `particles`, which lie slice by slice.
-    fn new(
-        context: &StepContext<T>,
-        layout: &RopeLayout,
-        grid: GridSpec,
-        particles: Vec<Particle<T>>,
-        material: Material<T>,
-    ) -> Self;
-    /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
-    /// Adds the momentum that forces per length, N/m, give in the step at hand to particles that stand
-    /// for these lengths, m, by slice.
-    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
-    /// Updates the nodes.
-    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
-    /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
-    fn fastest(&self) -> (usize, f64);
-    /// Force of every grip on the rope in the step that ended in this state, N.
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>>;
-    /// Number of slices.
-    fn slices(&self) -> usize;
-    /// Middle of a slice and its velocity, m and m/s.
-    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
-}
-
-impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
-    #[inline(always)]
-    fn new(
-        context: &StepContext<T>,
-        layout: &RopeLayout,
-        grid: GridSpec,
-        particles: Vec<Particle<T>>,
-        _material: Material<T>,
-    ) -> Self {
-        Sweep::new(context, layout, grid, &particles)
-    }
-    #[inline(always)]
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        Sweep::sweep(self, context, motions)
-    }
-    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
-        Sweep::push(self, context, force_n_m, lengths_m);
-    }
-    #[inline(always)]
-    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
-        Sweep::update_nodes(self, context, decay);
-    }
-    #[inline(always)]
-    fn fastest(&self) -> (usize, f64) {
-        Sweep::fastest(self)
-    }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
-        Sweep::grip_forces_n(self, motions, dt_s)
-    }
-    fn slices(&self) -> usize {
-        Sweep::slices(self)
-    }
-    #[inline(always)]
-    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
-        Sweep::slice_mean(self, slice)
-    }
-}
-
-/// One particle after the other.
-struct OneByOne<T: Real> {
-    particles: Vec<Particle<T>>,
-    material: Material<T>,
-    grid: Grid<T>,
-    section: usize,
-}
-
-impl<T: Real> Engine<T> for OneByOne<T> {
-    fn new(
-        context: &StepContext<T>,
-        layout: &RopeLayout,
-        grid: GridSpec,
-        particles: Vec<Particle<T>>,
-        material: Material<T>,
-    ) -> Self {
-        let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
-        Self {
-            grid: Grid::new(layout, grid, &masses),
-            material,
-            particles,
-            section: context.section,
-        }
-    }
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
-        particles_to_grid(
-            &self.particles,
-            &mut self.material,
-            &mut self.grid,
-            context,
-            motions,
-        )
-    }
-    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
-        for index in 0..self.particles.len() {
-            let slice = index / self.section;
-            let field = MomentumField {
-                at_particle: scaled(force_n_m[slice], context.dt_s * lengths_m[slice]),
-                slope: [zero3(); 3],
-            };
-            let (link, nodes) = (&self.grid.links[index], &mut self.grid.nodes);
-            scatter(link, self.grid.spacing_m, &field, nodes);
-        }
-    }
-    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
-        update_nodes(&mut self.grid, context, decay);
-    }
-    fn fastest(&self) -> (usize, f64) {
-        let mut fastest = (0, 0.0);
-        for (index, p) in self.particles.iter().enumerate() {
-            if !norm(value3(p.position_m)).is_finite() {
-                return (index, f64::NAN);
-            }
-            let speed = norm(value3(p.velocity_m_s));
-            if speed > fastest.1 || speed.is_nan() {
-                fastest = (index, speed);
-            }
-        }
-        fastest
-    }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
-        grip_forces_n(&self.particles, motions, dt_s)
-    }
-    fn slices(&self) -> usize {
-        self.particles.len() / self.section
-    }
-    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
-        let members = &self.particles[slice * self.section..(slice + 1) * self.section];
-        let (mut place, mut velocity) = (zero3(), zero3());
-        for p in members {
-            place = add(place, p.position_m);
-            velocity = add(velocity, p.velocity_m_s);
-        }
-        let share = 1.0 / members.len() as f64;
-        (scaled(place, share), scaled(velocity, share))
-    }
 }
 
 #[inline(always)]
