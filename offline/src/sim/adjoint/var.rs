@@ -212,7 +212,7 @@ impl Arithmetic for Var {
         mask
     }
 
-    /// The value, and around it the linear map of [`super::stress`] as operations.
+    /// The value, and around it the linear map of `stress.rs` as operations.
     fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
         let value = f.map(|row| row.map(Self::value));
         let r = f64::polar_rotation(&value);
