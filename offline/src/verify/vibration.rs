@@ -5,7 +5,7 @@ use super::case::{Case, Of};
 use super::reference::{Hold, Mode, Rod, bending_mode};
 use super::setup::{DIAMETER_M, G_M_S2, elastic, rope, scene, start_grip};
 use super::study::{Study, on_grid};
-use super::{Extent, Findings, Stepper};
+use super::{Extent, Findings, Stepper, matrix};
 use crate::sim::clamp::ClampPath;
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use crate::sim::{Physics, Scene, SimError};
@@ -108,14 +108,12 @@ fn excite(run: &mut Stepper<'_>, mode: &Mode, from_m: f64) {
 }
 
 /// Angular frequency of a mode's share in the motion, from its zero crossings over `halves` half
-/// periods. `up` is the material's direction of vibration in the world.
-fn frequency(
-    run: &mut Stepper<'_>,
-    mode: &Mode,
-    from_m: f64,
-    up: Vector3<f64>,
-    halves: usize,
-) -> Result<f64, SimError> {
+/// periods.
+fn frequency(run: &mut Stepper<'_>, mode: &Mode, from_m: f64, halves: usize) -> Result<f64, SimError> {
+    // The material's upward direction in the world; the first particle does not turn.
+    let up = matrix(&run.particles[0].deformation_gradient)
+        .column(2)
+        .normalize();
     let rest = run.centreline_m();
     let slices = run.layout.slices.clone();
     let share = |run: &Stepper<'_>| -> f64 {
@@ -161,7 +159,7 @@ fn stiffness(name: &str, number: usize, extent: Extent) -> Result<Study, SimErro
     Study::run(name, "of exact", 1.0, spacings, alignments, |cells, shift| {
         let (scene, physics) = (beam.scene(cells, shift)?, beam.physics());
         let mut run = beam.excited(&scene, &physics);
-        let omega = frequency(&mut run, &beam.mode, 0.0, Vector3::z(), 4)?;
+        let omega = frequency(&mut run, &beam.mode, 0.0, 4)?;
         Ok((omega / beam.mode.omega_rad_s).powi(2))
     })
 }
@@ -220,8 +218,7 @@ fn pendulum(extent: Extent) -> Result<Study, SimError> {
             let slowest = std::f64::consts::FRAC_PI_2 * (rod.axial_n / rod.mass_kg_m).sqrt() / length_m;
             run.advance_damped((12.0 / slowest / run.dt_s) as usize, 2.0 * slowest)?;
             excite(&mut run, &mode, GRIP_M);
-            // The scene's upward direction across a hanging rope is y.
-            let omega = frequency(&mut run, &mode, GRIP_M, Vector3::y(), 2)?;
+            let omega = frequency(&mut run, &mode, GRIP_M, 2)?;
             Ok(std::f64::consts::TAU / omega)
         },
     )
