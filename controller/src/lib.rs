@@ -18,6 +18,7 @@ pub mod motion;
 pub mod plan;
 pub mod policy_file;
 pub mod program;
+pub mod promise;
 pub mod recorder;
 pub mod rt;
 pub mod sample;

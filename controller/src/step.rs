@@ -10,8 +10,8 @@
 //!     │ reset,                         │ cancelled, at rest
 //!     │ arm at rest      at rest       │
 //!    Fault ◄────────────────────── Stopping ◄── any state: emergency stop, following error, arm's
-//!   (no targets)                                error, guard; while moving: arm silent, targets
-//!                                               unread, goal's client silent, cancelled
+//!   (no targets)                                error, guard; while moving: cancelled, arm or
+//!                                               goal's client silent, targets unread
 //!
 //!  A shutdown leads through Stopping, where there is something to stop, to Ended.
 //! ```
@@ -23,6 +23,7 @@ use crate::constants::{
 use crate::guard::{Brake, Guard};
 use crate::motion;
 use crate::plan::{self, LEGS, Motion, Pace, Plan, Start};
+use crate::promise::Promise;
 use crate::survey::Survey;
 use shared::arm::{self, JOINTS, Joints};
 use shared::blob::Blob;
@@ -40,8 +41,7 @@ pub struct Setup {
     pub cycle_ns: u64,
     /// Cycles to one target.
     pub cycles_per_target: u32,
-    /// Cycles without a state of the arm after which it counts as silent; also the time after which
-    /// targets that the arm's driver has not read count as unread.
+    /// Cycles after which an arm without states counts as silent, and unread targets as unread for good.
     pub silent_cycles_max: u64,
     /// How long before the release the gripper is told to open, ns: the time it takes to let go.
     pub gripper_lead_ns: u64,
@@ -83,29 +83,6 @@ enum After {
     Latch(Reason),
     Idle,
     End,
-}
-
-/// What the goal's client promised: a keep-alive at least every so many cycles.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Promise {
-    cycles_max: u64,
-    cycles_since: u64,
-}
-
-impl Promise {
-    /// The promise that a goal makes, if it makes one.
-    fn of(goal: &Goal, cycle_ns: u64) -> Option<Self> {
-        (goal.keep_alive_ms > 0).then(|| Self {
-            cycles_max: (u64::from(goal.keep_alive_ms) * 1_000_000).div_ceil(cycle_ns),
-            cycles_since: 0,
-        })
-    }
-
-    /// Counts a cycle; whether the promise is broken.
-    fn wait(&mut self) -> bool {
-        self.cycles_since += 1;
-        self.cycles_since > self.cycles_max
-    }
 }
 
 // The largest variant is the one in use most of the time, and a box would allocate in the loop.
@@ -281,10 +258,9 @@ impl Controller {
 
     /// A client that promised keep-alives and falls silent stops its goal.
     fn watch_goal_source(&mut self) {
-        let Mode::Running { promise, .. } = &mut self.mode else {
-            return;
-        };
-        if promise.as_mut().is_some_and(Promise::wait) {
+        if let Mode::Running { promise, .. } = &mut self.mode
+            && promise.as_mut().is_some_and(Promise::wait)
+        {
             self.stop(After::Latch(Reason::GoalSourceSilent));
         }
     }
@@ -294,7 +270,7 @@ impl Controller {
             && plan.goal_id == goal_id
             && let Some(promise) = promise
         {
-            promise.cycles_since = 0;
+            promise.keep();
         }
     }
 
@@ -471,13 +447,12 @@ impl Controller {
         match (&self.mode, &self.guard) {
             (Mode::Idle, Some(_)) if self.targets_unread() => Err(Reason::TargetsUnread),
             (Mode::Idle, Some(guard)) => {
-                let start = Start {
-                    q_rad: guard.last_rad(),
-                    gripper: self.gripper,
-                };
+                let (q_rad, gripper) = (guard.last_rad(), self.gripper);
+                let start = Start { q_rad, gripper };
+                let (period_s, gripper_lead_s) = (self.period_s, self.setup.gripper_lead_ns as f64 * 1e-9);
                 let pace = Pace {
-                    period_s: self.period_s,
-                    gripper_lead_s: self.setup.gripper_lead_ns as f64 * 1e-9,
+                    period_s,
+                    gripper_lead_s,
                 };
                 plan::plan(&self.setup.blob, self.survey.as_ref(), goal, &start, &pace)
             }

@@ -247,6 +247,13 @@ fn pipe(world: &World) -> std::path::PathBuf {
     path
 }
 
+/// The controller's summary: the last lines of what the programs said.
+fn last_words(world: &World) -> String {
+    let log = std::fs::read_to_string(world.path("log")).expect("a log");
+    let last: Vec<&str> = log.lines().rev().take(6).collect();
+    last.into_iter().rev().collect::<Vec<_>>().join("\n")
+}
+
 /// Runs a soak and returns the controller's last words.
 fn soak(plan: &Plan) -> String {
     let world = World::new();
@@ -296,13 +303,7 @@ fn soak(plan: &Plan) -> String {
             terminate(&mut controller),
             "a signal ends the controller with code 0"
         );
-        let log = std::fs::read_to_string(world.path("log")).expect("a log");
-        let last: Vec<&str> = log.lines().rev().take(6).collect();
-        (
-            accepted,
-            wrong,
-            last.into_iter().rev().collect::<Vec<_>>().join("\n"),
-        )
+        (accepted, wrong, last_words(&world))
     });
     println!(
         "{} goals, {accepted} accepted, {} wrong answers; {} targets checked; {} clients killed\n{last}",
