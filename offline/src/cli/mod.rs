@@ -2,6 +2,7 @@
 
 mod demos;
 mod progress;
+mod reproduce;
 mod runs;
 
 use clap::{Args, Parser, Subcommand};
@@ -48,6 +49,9 @@ enum Command {
     /// Work with demonstration folders.
     #[command(subcommand)]
     Demo(DemoCommand),
+    /// Make the paper's tables.
+    #[command(subcommand)]
+    Reproduce(reproduce::Reproduce),
     /// Show what is in a policy blob or a run.
     #[command(after_help = "Example: offline inspect runs/sample-rope/policy.blob")]
     Inspect {
@@ -117,6 +121,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Reproduce(table) => reproduce::run(&table, json),
         Command::Inspect { path } => demos::inspect(&path, json),
     };
     match result {

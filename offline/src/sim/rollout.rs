@@ -19,6 +19,8 @@ pub struct Rollout<T> {
     /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
     /// zero at the start and where a grip is open.
     pub grip_forces_n: Vec<Vec<Vec3<T>>>,
+    /// Every particle per recorded time, slice by slice, m; empty unless [`Scene::keep_particles`].
+    pub particles: Vec<Vec<Vec3<T>>>,
     /// Arc length of each slice, m.
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
@@ -127,7 +129,13 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
         // An instability takes many steps to grow; the last state is always looked at.
         let look = number % CHECK_EVERY == 0 || number + 1 == steps;
         step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| if look { check_state(&particles, &context, scene) } else { Ok(()) })
+            .and_then(|()| {
+                if look {
+                    check_state(&particles, &context, scene)
+                } else {
+                    Ok(())
+                }
+            })
             .map_err(|cause| SimError {
                 step: number,
                 t_s,
@@ -138,6 +146,7 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     Ok(Rollout {
         frames: recorder.frames,
         grip_forces_n: recorder.grip_forces_n,
+        particles: recorder.particles,
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: recorder.reach_m,
         steps,
@@ -218,6 +227,7 @@ struct Recorder<'a, T> {
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
     grip_forces_n: Vec<Vec<Vec3<T>>>,
+    particles: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
 }
 
@@ -228,6 +238,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
+            particles: Vec::new(),
             reach_m: None,
         }
     }
@@ -246,6 +257,10 @@ impl<'a, T: Real> Recorder<'a, T> {
             // Frames fall between steps: go back along the velocity, less than one step.
             self.frames.push(centreline(particles, self.section, due - now_s));
             self.grip_forces_n.push(grip_forces_n(particles, motions, dt_s));
+            if self.scene.keep_particles {
+                let place = |p: &Particle<T>| add(p.position_m, scaled(p.velocity_m_s, due - now_s));
+                self.particles.push(particles.iter().map(place).collect());
+            }
         }
         if now_s >= self.scene.score_from_s {
             let tip = self.tip_x(particles);
