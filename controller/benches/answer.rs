@@ -1,6 +1,7 @@
 //! What an answer costs: the policy's forward pass, inverse kinematics, and the whole plan of a goal.
 
 use controller::plan::{self, Pace, Start};
+use controller::survey::Survey;
 use controller::{motion, sample};
 use criterion::{Criterion, criterion_group, criterion_main};
 use shared::arm::LEVEL_POSTURE_RAD;
@@ -58,11 +59,12 @@ fn answer(criterion: &mut Criterion) {
         q_rad: LEVEL_POSTURE_RAD,
         gripper: Gripper::Open,
     };
+    let survey = Survey::new(&blob);
     let pace = Pace {
         period_s: 0.004,
         gripper_lead_s: 0.0,
     };
-    let plan = || plan::plan(&blob, black_box(&goal), &start, &pace);
+    let plan = || plan::plan(&blob, survey.as_ref(), black_box(&goal), &start, &pace);
     plan().expect("the goal can be reached");
     criterion.bench_function("whole_plan", |bencher| bencher.iter(plan));
 }

@@ -1,6 +1,8 @@
 //! The ordinary thread between the loop and the world: it carries goals, commands and arm states to the
 //! loop, targets and statuses from it. It may allocate and wait; the loop never waits for it.
 
+use crate::clock;
+use crate::constants::{BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
 use crate::cycle::Queues;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
 use iceoryx2::node::Node;
@@ -8,6 +10,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use shared::messages::{Command, Goal, JointTarget, RobotState, Status};
+use std::sync::atomic::Ordering;
 
 /// The publish-subscribe ports of the controller.
 pub struct Bridge {
@@ -51,6 +54,16 @@ impl Bridge {
         for failure in failures.into_iter().flatten() {
             self.complain(&failure);
         }
+    }
+
+    /// Rests between two rounds; wakes a little before the loop's next cycle if that comes sooner.
+    pub fn rest(&self, queues: &Queues) {
+        let now_ns = clock::now_ns();
+        let usual_ns = now_ns + BRIDGE_PAUSE_US * 1000;
+        let cycle_ns = queues.next_cycle_ns.load(Ordering::Relaxed);
+        let before_cycle_ns = cycle_ns.saturating_sub(BRIDGE_LEAD_US * 1000);
+        let sooner = now_ns < before_cycle_ns && before_cycle_ns < usual_ns;
+        clock::sleep_until(if sooner { before_cycle_ns } else { usual_ns });
     }
 
     /// Once is enough: what goes wrong every millisecond is counted in the status.

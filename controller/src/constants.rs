@@ -75,6 +75,10 @@ pub const RECORD_QUEUE: usize = 2048;
 /// late for the next cycle, and long beside a round (2 µs).
 pub const BRIDGE_PAUSE_US: u64 = 250;
 
+/// How long before a cycle the bridge makes an extra round, µs, so that few goals are late for it: what an
+/// ordinary thread takes to wake and carry them.
+pub const BRIDGE_LEAD_US: u64 = 100;
+
 /// Priority of the loop: above ordinary programs, below the kernel's own threads.
 pub const FIFO_PRIORITY: i32 = 80;
 

@@ -34,6 +34,8 @@ pub struct Queues {
     pub shutdown: AtomicBool,
     /// Set by the loop when it has ended.
     pub ended: AtomicBool,
+    /// When the next cycle is due, ns; kept by the loop.
+    pub next_cycle_ns: AtomicU64,
     lost: AtomicU64,
 }
 
@@ -50,6 +52,7 @@ impl Queues {
             records: record.then(|| ArrayQueue::new(RECORD_QUEUE)),
             shutdown: AtomicBool::new(false),
             ended: AtomicBool::new(false),
+            next_cycle_ns: AtomicU64::new(0),
             lost: AtomicU64::new(0),
         }
     }
@@ -155,7 +158,9 @@ impl<'a> Cycle<'a> {
     /// The stamp of the goal whose first target is the one of this turn, ns.
     fn first_served_ns(&mut self, output: &Output) -> Option<u64> {
         let target = output.target.as_ref()?;
-        let goal = self.goal.take_if(|goal| goal.id == target.goal_id && goal.id != 0)?;
+        let goal = self
+            .goal
+            .take_if(|goal| goal.id == target.goal_id && goal.id != 0)?;
         Some(goal.stamp_ns)
     }
 
@@ -170,23 +175,19 @@ impl<'a> Cycle<'a> {
         self.queues.ended.store(true, Ordering::Release);
     }
 
-    fn turn_on_grid(
-        &mut self,
-        period_ns: u64,
-        timing: &mut Timing,
-        write: &mut dyn FnMut(&JointTarget),
-    ) {
+    fn turn_on_grid(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
         let mut grid = Grid::new(clock::now_ns(), period_ns);
         loop {
             let deadline_ns = grid.next_ns();
             clock::sleep_until(deadline_ns);
             let woke_ns = clock::now_ns();
             let served_ns = grid.serve(woke_ns);
+            self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Relaxed);
             let output = self.turn(served_ns, grid.missed(), write);
             let done_ns = clock::now_ns();
             timing.note(deadline_ns, woke_ns, done_ns);
             if let Some(sent_ns) = self.first_served_ns(&output) {
-                timing.note_goal(sent_ns, done_ns);
+                timing.note_goal(sent_ns, woke_ns, done_ns);
             }
             if output.ended {
                 break;

@@ -25,4 +25,5 @@ pub mod serve;
 pub mod services;
 pub mod session;
 pub mod step;
+pub mod survey;
 pub mod timing;

@@ -270,26 +270,31 @@ fn run_bench(
     }
     println!("parts of an answer");
     let parts = &report.parts;
-    let line = |name: &str, times: &Percentiles| println!("  {name:<14}{times}");
+    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
     line("policy", &parts.policy);
     line("ik, middle", &parts.ik_from_middle);
     line("ik, on a line", &parts.ik_along_line);
     line("whole plan", &parts.plan);
+    line(".. unsurveyed", &parts.plan_unsurveyed);
     Ok(())
 }
 
 fn print_loop(load: &str, report: &LoopReport) {
-    println!("{load}: {} cycles, {} missed, {}", report.turn.count, report.missed, report.cost);
-    let line = |name: &str, times: &Percentiles| println!("  {name:<14}{times}");
+    println!(
+        "{load}: {} cycles, {} missed, {}",
+        report.turn.count, report.missed, report.cost
+    );
+    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
     line("wake-up late", &report.wake);
     if let (Some(other), Some(ratio)) = (&report.cyclictest, report.wake_p99_ratio) {
         line("cyclictest", other);
-        println!("  {:<14}{ratio:.2} times cyclictest's p99", "ratio");
+        println!("  {:<15}{ratio:.2} times cyclictest's p99", "ratio");
     }
     line("period jitter", &report.jitter);
     line("turn", &report.turn);
+    line("planning turn", &report.answer);
     line("goal to target", &report.goal_to_first_target);
-    println!("  {:<14}{} goals", "", report.goal_to_first_target.count);
+    println!("  {:<15}{} goals", "", report.goal_to_first_target.count);
 }
 
 fn replay(file: &Path, as_json: bool) -> Result<()> {
@@ -297,7 +302,9 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
     let mut input = BufReader::new(File::open(file).with_context(|| format!("cannot open {name}"))?);
     let head = recorder::read_head(&mut input)
         .with_context(|| format!("cannot read {name}"))?
-        .with_context(|| format!("{name} is not a recording: give a file that --record of this version wrote"))?;
+        .with_context(|| {
+            format!("{name} is not a recording: give a file that --record of this version wrote")
+        })?;
     let policy = policy_file::checked(file, head.policy)?;
     rt::flush_denormals();
     let header = head.header;
@@ -324,7 +331,9 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
         bail!("cycle {cycle} differs from the recording");
     }
     if let Some(cycle) = found.gap_after {
-        bail!("the disk was too slow for the recorder: what follows cycle {cycle} cannot be replayed, all before agrees");
+        bail!(
+            "the disk was too slow for the recorder: what follows cycle {cycle} cannot be replayed, all before agrees"
+        );
     }
     Ok(())
 }

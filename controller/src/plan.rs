@@ -3,6 +3,7 @@
 
 use crate::constants::{GRIPPER_S, STANDOFF_M};
 use crate::motion::{self, JointMove, LineError};
+use crate::survey::Survey;
 use shared::arm::Joints;
 use shared::blob::Blob;
 use shared::ik;
@@ -87,13 +88,25 @@ pub struct Pace {
     pub gripper_lead_s: f64,
 }
 
-/// Plans the motion for `goal`.
-pub fn plan(blob: &Blob, goal: &Goal, from: &Start, pace: &Pace) -> Result<Plan, Reason> {
+/// Plans the motion for `goal`; lines that the survey vouches for need no check of their own.
+pub fn plan(
+    blob: &Blob,
+    survey: Option<&Survey>,
+    goal: &Goal,
+    from: &Start,
+    pace: &Pace,
+) -> Result<Plan, Reason> {
     let (release_m, length_m) = release_point(blob, goal)?;
     let tip_m = blob.task.hanging_tip_m(length_m);
     let before_tip_m = [tip_m[0] - STANDOFF_M, tip_m[1]];
     let after_m = [release_m[0] - STANDOFF_M, release_m[1]];
-    let line = |from, to| motion::plan_line(&blob.frame, from, to, &blob.motion).map_err(refusal);
+    let line = |from, to| {
+        let profile = motion::profile_in_plane(from, to, &blob.motion);
+        match survey {
+            Some(survey) if survey.vouches_for(from, to, &profile) => Ok(profile),
+            _ => motion::plan_line(&blob.frame, from, to, &blob.motion).map_err(refusal),
+        }
+    };
     let approach = line(before_tip_m, tip_m)?;
     let drag = line(tip_m, release_m)?;
     let retreat = line(release_m, after_m)?;

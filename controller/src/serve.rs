@@ -2,7 +2,7 @@
 //! them in order.
 
 use crate::bridge::Bridge;
-use crate::constants::{BRIDGE_PAUSE_US, LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
+use crate::constants::{LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
 use crate::cycle::{Cycle, Queues};
 use crate::policy_file::{self, PolicyFile};
 use crate::recorder::{self, Recorder};
@@ -21,7 +21,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// What can be chosen about a run.
 #[derive(Clone, Debug)]
@@ -91,7 +90,9 @@ fn setup(options: &Options, blob: &Blob, degraded: u32) -> Setup {
 fn check_gripper(options: &Options, blob: &Blob) -> Result<()> {
     let (latency_s, dwell_s) = (options.gripper_latency_ms as f64 * 1e-3, blob.task.dwell_s);
     if latency_s > dwell_s {
-        bail!("the gripper's latency ({latency_s} s) exceeds the dwell before the release ({dwell_s} s): give a shorter --gripper-latency-ms");
+        bail!(
+            "the gripper's latency ({latency_s} s) exceeds the dwell before the release ({dwell_s} s): give a shorter --gripper-latency-ms"
+        );
     }
     Ok(())
 }
@@ -107,7 +108,15 @@ pub fn serve(options: &Options) -> Result<()> {
     let may_sleep = if awake.is_some() { 0 } else { degraded::MAY_SLEEP };
     let (report, ready) = mpsc::channel();
     let (go, start) = mpsc::channel();
-    let thread = spawn_loop(options, &policy, may_sleep, session.config(), &queues, report, start)?;
+    let thread = spawn_loop(
+        options,
+        &policy,
+        may_sleep,
+        session.config(),
+        &queues,
+        report,
+        start,
+    )?;
     let header = ready
         .recv()
         .map_err(|_| anyhow!("the loop's thread did not start"))?
@@ -142,7 +151,7 @@ fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>) -> S
     let mut newest = Status::default();
     while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
         bridge.round(queues, &mut |status| tell(status, &mut newest));
-        std::thread::sleep(Duration::from_micros(BRIDGE_PAUSE_US));
+        bridge.rest(queues);
     }
     bridge.round(queues, &mut |status| tell(status, &mut newest));
     newest
@@ -240,9 +249,14 @@ fn summarise(timing: &Timing, last: &Status) {
         "controller: {} cycles, {} missed, {} targets, {} goals accepted, {} refused",
         last.cycles, last.missed_deadlines, last.targets_sent, last.goals_accepted, last.goals_refused
     );
-    eprintln!("controller: {} messages lost, {}", last.messages_lost, timing.cost());
+    eprintln!(
+        "controller: {} messages lost, {}",
+        last.messages_lost,
+        timing.cost()
+    );
     eprintln!("controller: wake-up {}", timing.wake());
     eprintln!("controller: turn    {}", timing.turn());
+    eprintln!("controller: of these, turns that planned {}", timing.answer());
     eprintln!("controller: goal to first target {}", timing.goal());
 }
 

@@ -365,13 +365,22 @@ mod tests {
         let session = instance.start().unwrap();
         session.announce().unwrap();
         for (text, theirs) in [
-            ("session a-b\nprotocol 3\niceoryx2 0.10\n", "protocol 3 over iceoryx2 0.10"),
-            ("session a-b\nprotocol 2\niceoryx2 0.11\n", "protocol 2 over iceoryx2 0.11"),
+            (
+                "session a-b\nprotocol 3\niceoryx2 0.10\n",
+                "protocol 3 over iceoryx2 0.10",
+            ),
+            (
+                "session a-b\nprotocol 2\niceoryx2 0.11\n",
+                "protocol 2 over iceoryx2 0.11",
+            ),
             ("187a-2f", "a protocol without a number"),
         ] {
             fs::write(instance.current_file(), text).unwrap();
             let message = instance.running_config().unwrap_err().to_string();
-            assert!(message.contains(theirs) && message.contains("this client speaks protocol 2"), "{message}");
+            assert!(
+                message.contains(theirs) && message.contains("this client speaks protocol 2"),
+                "{message}"
+            );
         }
         drop(session);
         instance.purge().unwrap();

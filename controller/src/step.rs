@@ -23,6 +23,7 @@ use crate::constants::{
 use crate::guard::{Brake, Guard};
 use crate::motion;
 use crate::plan::{self, LEGS, Motion, Pace, Plan, Start};
+use crate::survey::Survey;
 use shared::arm::{self, JOINTS, Joints};
 use shared::blob::Blob;
 use shared::ik;
@@ -118,7 +119,10 @@ enum Mode {
         target: u32,
         promise: Option<Promise>,
     },
-    Stopping { brake: Brake, after: After },
+    Stopping {
+        brake: Brake,
+        after: After,
+    },
     Fault,
     Ended,
 }
@@ -126,6 +130,7 @@ enum Mode {
 /// The state between two cycles.
 pub struct Controller {
     setup: Setup,
+    survey: Option<Survey>,
     period_s: f64,
     mode: Mode,
     /// `None` until the first measured pose.
@@ -144,10 +149,11 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A controller that waits for the arm's pose.
+    /// A controller that waits for the arm's pose. Surveys the task, which takes milliseconds.
     pub fn new(setup: Setup) -> Self {
         Self {
             period_s: (setup.cycle_ns * u64::from(setup.cycles_per_target)) as f64 * 1e-9,
+            survey: Survey::new(&setup.blob),
             mode: Mode::Waiting,
             guard: None,
             stream_begun: false,
@@ -473,7 +479,7 @@ impl Controller {
                     period_s: self.period_s,
                     gripper_lead_s: self.setup.gripper_lead_ns as f64 * 1e-9,
                 };
-                plan::plan(&self.setup.blob, goal, &start, &pace)
+                plan::plan(&self.setup.blob, self.survey.as_ref(), goal, &start, &pace)
             }
             (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
             (Mode::Fault, _) => Err(Reason::Latched),
@@ -511,7 +517,10 @@ impl Controller {
 
     /// Moves on to the next target of the motion; after the last one the goal is done.
     fn next_leg(&mut self) {
-        let Mode::Running { plan, leg, target, .. } = &mut self.mode else {
+        let Mode::Running {
+            plan, leg, target, ..
+        } = &mut self.mode
+        else {
             return;
         };
         *target += 1;
@@ -529,7 +538,13 @@ impl Controller {
     }
 
     fn joints_of_leg(&self) -> Result<Joints, Reason> {
-        let (Mode::Running { plan, leg, target, .. }, Some(guard)) = (&self.mode, &self.guard) else {
+        let (
+            Mode::Running {
+                plan, leg, target, ..
+            },
+            Some(guard),
+        ) = (&self.mode, &self.guard)
+        else {
             return Err(Reason::NotReady);
         };
         if !self.stream_begun {

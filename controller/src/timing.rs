@@ -15,6 +15,7 @@ pub struct Timing {
     period_ns: Histogram<u64>,
     jitter_ns: Histogram<u64>,
     goal_ns: Histogram<u64>,
+    answer_ns: Histogram<u64>,
     last_deadline_ns: u64,
     last_woke_ns: u64,
     cost: Cost,
@@ -99,19 +100,37 @@ pub fn histogram() -> Histogram<u64> {
 /// Writes a histogram as HdrHistogram's percentile table (.hgrm), which its plotter reads; values in µs.
 pub fn write_hgrm(out: &mut impl Write, times: &Histogram<u64>) -> io::Result<()> {
     const TICKS_PER_HALF: u32 = 5;
-    writeln!(out, "{:>12} {:>14} {:>10} {:>14}\n", "Value", "Percentile", "TotalCount", "1/(1-Percentile)")?;
+    writeln!(
+        out,
+        "{:>12} {:>14} {:>10} {:>14}\n",
+        "Value", "Percentile", "TotalCount", "1/(1-Percentile)"
+    )?;
     let us = |ns: f64| ns * 1e-3;
     for point in times.iter_quantiles(TICKS_PER_HALF) {
         let (value, share) = (us(point.value_iterated_to() as f64), point.quantile_iterated_to());
-        write!(out, "{value:12.3} {share:2.12} {:10}", times.count_between(0, point.value_iterated_to()))?;
+        write!(
+            out,
+            "{value:12.3} {share:2.12} {:10}",
+            times.count_between(0, point.value_iterated_to())
+        )?;
         if share < 1.0 {
             writeln!(out, " {:14.2}", 1.0 / (1.0 - share))?;
         } else {
             writeln!(out)?;
         }
     }
-    writeln!(out, "#[Mean    = {:12.3}, StdDeviation   = {:12.3}]", us(times.mean()), us(times.stdev()))?;
-    writeln!(out, "#[Max     = {:12.3}, Total count    = {:12}]", us(times.max() as f64), times.len())
+    writeln!(
+        out,
+        "#[Mean    = {:12.3}, StdDeviation   = {:12.3}]",
+        us(times.mean()),
+        us(times.stdev())
+    )?;
+    writeln!(
+        out,
+        "#[Max     = {:12.3}, Total count    = {:12}]",
+        us(times.max() as f64),
+        times.len()
+    )
 }
 
 impl Default for Timing {
@@ -122,6 +141,7 @@ impl Default for Timing {
             period_ns: histogram(),
             jitter_ns: histogram(),
             goal_ns: histogram(),
+            answer_ns: histogram(),
             last_deadline_ns: 0,
             last_woke_ns: 0,
             cost: Cost::default(),
@@ -145,8 +165,10 @@ impl Timing {
         self.last_woke_ns = woke_ns;
     }
 
-    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`.
-    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64) {
+    /// Notes that the turn from `woke_ns` to `done_ns` planned a goal stamped `sent_ns` and sent its first
+    /// target.
+    pub fn note_goal(&mut self, sent_ns: u64, woke_ns: u64, done_ns: u64) {
+        self.answer_ns.saturating_record(done_ns.saturating_sub(woke_ns));
         self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
     }
 
@@ -168,6 +190,7 @@ impl Timing {
             (&mut self.period_ns, &other.period_ns),
             (&mut self.jitter_ns, &other.jitter_ns),
             (&mut self.goal_ns, &other.goal_ns),
+            (&mut self.answer_ns, &other.answer_ns),
         ];
         for (mine, theirs) in pairs {
             mine.add(theirs).expect("all have the same bounds");
@@ -210,6 +233,11 @@ impl Timing {
         &self.jitter_ns
     }
 
+    /// How long those turns took that planned a goal.
+    pub fn answer(&self) -> Percentiles {
+        (&self.answer_ns).into()
+    }
+
     /// Time from a goal's stamp to its first target.
     pub fn goal(&self) -> Percentiles {
         (&self.goal_ns).into()
@@ -230,7 +258,7 @@ mod tests {
         let mut timing = Timing::default();
         timing.note(1000, 1010, 1030);
         timing.note(2000, 2005, 2025);
-        timing.note_goal(500, 900);
+        timing.note_goal(500, 880, 900);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
         assert_eq!(timing.period().max_ns, 995);
@@ -255,9 +283,16 @@ mod tests {
             .lines()
             .skip(2)
             .filter(|line| !line.starts_with('#'))
-            .map(|line| line.split_whitespace().map(|word| word.parse().expect("a number")).collect())
+            .map(|line| {
+                line.split_whitespace()
+                    .map(|word| word.parse().expect("a number"))
+                    .collect()
+            })
             .collect();
-        assert!(rows.windows(2).all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1]));
+        assert!(
+            rows.windows(2)
+                .all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1])
+        );
         let last = rows.last().expect("rows");
         assert_eq!((last[1], last[2]), (1.0, 1000.0));
         let median = rows.iter().find(|row| row[1] >= 0.5).expect("a median");

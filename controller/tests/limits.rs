@@ -136,7 +136,7 @@ fn paced((cycle_ns, cycles_per_target): (u64, u32)) -> Setup {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn no_sequence_of_inputs_breaks_a_limit(
@@ -234,7 +234,10 @@ fn twenty(change: impl Fn(&mut Record)) -> recorder::Replay {
 
 #[test]
 fn a_changed_record_or_a_gap_is_noticed_by_the_replay() {
-    assert_eq!((twenty(|_| ()).cycles, twenty(|_| ()).first_difference), (20, None));
+    assert_eq!(
+        (twenty(|_| ()).cycles, twenty(|_| ()).first_difference),
+        (20, None)
+    );
     let changed = twenty(|record| {
         if record.cycle == 7 {
             record.target.q_rad[2] += 1e-15;
@@ -242,5 +245,8 @@ fn a_changed_record_or_a_gap_is_noticed_by_the_replay() {
     });
     assert_eq!(changed.first_difference, Some(7));
     let gap = twenty(|record| record.cycle += if record.cycle > 12 { 3 } else { 0 });
-    assert_eq!((gap.cycles, gap.gap_after, gap.first_difference), (12, Some(12), None));
+    assert_eq!(
+        (gap.cycles, gap.gap_after, gap.first_difference),
+        (12, Some(12), None)
+    );
 }

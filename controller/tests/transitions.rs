@@ -378,7 +378,9 @@ fn the_gripper_is_told_to_open_its_latency_before_the_release() {
             .rposition(|target| target.gripper == Gripper::Closed.code())
             .expect("the gripper was closed");
         assert_eq!(release - opens, early, "{lead_ms} ms");
-        let dwell = targets.iter().filter(|target| target.phase == Phase::Dwell.code());
+        let dwell = targets
+            .iter()
+            .filter(|target| target.phase == Phase::Dwell.code());
         assert_eq!(dwell.count(), 500, "the dwell is as long as ever");
     }
 }

@@ -169,7 +169,10 @@ mod tests {
             wrong[at] ^= 0x80;
             assert_eq!(Header::from_bytes(&wrong), None, "byte {at}");
         }
-        let none = Header { cycle_ns: 0, ..HEADER };
+        let none = Header {
+            cycle_ns: 0,
+            ..HEADER
+        };
         assert_eq!(Header::from_bytes(&none.to_bytes()), None);
     }
 

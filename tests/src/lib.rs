@@ -2,11 +2,11 @@
 
 pub mod camera;
 pub mod contact;
+pub mod derivatives;
 pub mod dynamics;
 pub mod effects;
 pub mod motion;
 pub mod rod;
 pub mod sample_rope;
-pub mod stepper;
 pub mod swing;
 pub mod world;

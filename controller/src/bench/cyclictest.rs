@@ -28,7 +28,8 @@ pub fn run(period_ns: u64, duration: Duration) -> Result<Histogram<u64>, String>
         let line = text.lines().next().unwrap_or_default().to_string();
         return Err(format!("cyclictest failed: {line}"));
     }
-    read(&String::from_utf8_lossy(&output.stdout)).ok_or_else(|| "cyclictest printed no histogram".to_string())
+    read(&String::from_utf8_lossy(&output.stdout))
+        .ok_or_else(|| "cyclictest printed no histogram".to_string())
 }
 
 /// The histogram in cyclictest's output: lines of a latency in whole µs and a count, and the overflows.

@@ -4,7 +4,6 @@
 use crate::bridge::Bridge;
 use crate::client::Client;
 use crate::clock;
-use crate::constants::BRIDGE_PAUSE_US;
 use crate::cycle::{Cycle, Queues};
 use crate::rt;
 use crate::serve::Rate;
@@ -54,7 +53,7 @@ pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)>
         let start = Instant::now();
         while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
             bridge.round(queues, &mut |status| newest = *status);
-            std::thread::sleep(Duration::from_micros(BRIDGE_PAUSE_US));
+            bridge.rest(queues);
             if start.elapsed() > duration {
                 queues.shutdown.store(true, Ordering::Relaxed);
             }

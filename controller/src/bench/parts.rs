@@ -3,6 +3,7 @@
 use crate::clock;
 use crate::motion;
 use crate::plan::{self, Pace, Start};
+use crate::survey::Survey;
 use crate::timing::{Percentiles, histogram};
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::blob::Blob;
@@ -21,6 +22,8 @@ pub struct Parts {
     pub ik_along_line: Percentiles,
     /// The whole plan of a goal, everything that can be refused included.
     pub plan: Percentiles,
+    /// The same where the survey of the task vouches for no line, so that each is checked by itself.
+    pub plan_unsurveyed: Percentiles,
 }
 
 /// Times every part.
@@ -28,7 +31,10 @@ pub fn time_all(blob: &Blob) -> Parts {
     let rope = &blob.ropes[0];
     let goal_m = |k: u32| rope.reach_m.at(f64::from(k % 100) * 0.01);
     let policy = time(20_000, |k| {
-        black_box(blob.policy.release_point_m(goal_m(k), rope.young_pa, rope.poisson));
+        black_box(
+            blob.policy
+                .release_point_m(goal_m(k), rope.young_pa, rope.poisson),
+        );
     });
     let poses: Vec<_> = (0..100)
         .map(|k| motion::task_pose(&blob.frame, [0.05 + 0.001 * f64::from(k), 0.15]))
@@ -53,20 +59,24 @@ pub fn time_all(blob: &Blob) -> Parts {
         period_s: 0.004,
         gripper_lead_s: 0.0,
     };
-    let plan = time(2_000, |k| {
-        let goal = Goal {
-            magic: GOAL_MAGIC,
-            id: 1,
-            x_m: goal_m(k),
-            ..Goal::default()
-        };
-        let _ = black_box(plan::plan(blob, &goal, &start, &pace));
-    });
+    let survey = Survey::new(blob);
+    let plan = |survey: Option<&Survey>| {
+        time(2_000, |k| {
+            let goal = Goal {
+                magic: GOAL_MAGIC,
+                id: 1,
+                x_m: goal_m(k),
+                ..Goal::default()
+            };
+            let _ = black_box(plan::plan(blob, survey, &goal, &start, &pace));
+        })
+    };
     Parts {
         policy,
         ik_from_middle,
         ik_along_line,
-        plan,
+        plan: plan(survey.as_ref()),
+        plan_unsurveyed: plan(None),
     }
 }
 

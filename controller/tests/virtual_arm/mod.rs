@@ -3,12 +3,13 @@
 // Each test program uses another part of this.
 #![allow(dead_code)]
 
+mod limit_check;
+
+pub use limit_check::limits_hold_at;
+
 use controller::sample;
 use controller::step::{Controller, Inputs, Output, Setup};
-use shared::arm::{
-    self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, JERK_MAX_RAD_S3, JOINTS, Joints, LEVEL_POSTURE_RAD,
-    SPEED_MAX_RAD_S,
-};
+use shared::arm::{Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, JointTarget, Phase, ROBOT_MAGIC, Reason,
     RobotState, Status,
@@ -191,42 +192,7 @@ impl World {
     }
 }
 
-/// Every target, pair, triple and four of one stream, `PERIOD_S` apart, obeys the limits by finite
-/// differences.
+/// All of `targets`, `PERIOD_S` apart.
 pub fn limits_hold(targets: &[JointTarget]) -> Result<(), String> {
     limits_hold_at(targets, PERIOD_S)
-}
-
-/// The same for targets `period_s` apart.
-pub fn limits_hold_at(targets: &[JointTarget], period_s: f64) -> Result<(), String> {
-    for (k, target) in targets.iter().enumerate() {
-        if let Some(joint) = arm::joint_out_of_range(&target.q_rad) {
-            return Err(format!("target {k}: joint {joint} out of range"));
-        }
-        // Before its first target a stream is at rest there.
-        let begin = targets[..=k]
-            .iter()
-            .rposition(|other| other.stream != target.stream)
-            .map_or(0, |last| last + 1);
-        let at = |back: usize| &targets[k.saturating_sub(back).max(begin)];
-        let speed = |i: usize, back: usize| (at(back).q_rad[i] - at(back + 1).q_rad[i]) / period_s;
-        for i in 0..JOINTS {
-            let (v0, v1, v2) = (speed(i, 0), speed(i, 1), speed(i, 2));
-            let (a0, a1) = ((v0 - v1) / period_s, (v1 - v2) / period_s);
-            let shares = [
-                v0 / SPEED_MAX_RAD_S,
-                a0 / ACCELERATION_MAX_RAD_S2,
-                (a0 - a1) / period_s / JERK_MAX_RAD_S3,
-            ];
-            // Subtracting angles of up to 6 rad leaves 1e-15 / (4 ms)³ of noise in the jerk.
-            if shares.iter().any(|share| share.abs() > 1.0 + 1e-6) {
-                return Err(format!("target {k}, joint {i}: shares of the limits {shares:?}"));
-            }
-        }
-        let travel = arm::flange(&target.q_rad).position_m - arm::flange(&at(1).q_rad).position_m;
-        if travel.norm() / period_s > FLANGE_SPEED_MAX_M_S * (1.0 + 1e-6) {
-            return Err(format!("target {k}: flange speed"));
-        }
-    }
-    Ok(())
 }

@@ -168,7 +168,10 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if !(0.0..=10.0).contains(&rope.end_mass_kg) {
         return fail(
-            format!("rope.end_mass_kg = {} is no mass at a rope's end", rope.end_mass_kg),
+            format!(
+                "rope.end_mass_kg = {} is no mass at a rope's end",
+                rope.end_mass_kg
+            ),
             "give it in kg, from 0 to 10",
         );
     }

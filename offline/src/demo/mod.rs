@@ -6,12 +6,14 @@ mod draw;
 mod error;
 mod points;
 mod read;
+mod recording;
 mod summary;
 mod table;
 mod write;
 
 pub use draw::plot_svg;
 pub use error::DemoError;
+pub use recording::recording;
 pub use summary::{summary, warnings};
 
 use serde::{Deserialize, Serialize};

@@ -5,7 +5,7 @@ use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::dual::Dual;
 use crate::sim::tensor::value3;
-use crate::sim::{Real, Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Real, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -185,7 +185,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Simulates every demonstration and measures it against the prediction.
-    fn run<T: Real>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
+    fn run<T: Laned>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
             .map(|d| {

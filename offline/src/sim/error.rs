@@ -48,6 +48,16 @@ pub enum Cause {
         /// Free length of rope between them, m.
         length_m: f64,
     },
+    /// A gradient does not fit into the memory that it may use.
+    #[error(
+        "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"
+    )]
+    Memory {
+        /// The least that would do.
+        needed_bytes: usize,
+        /// What was allowed.
+        budget_bytes: usize,
+    },
     /// The rollout would not end within reason.
     #[error(
         "{steps:.1e} steps of {particles} particles are too much: choose a coarser grid, a shorter time, or less stiffness or internal damping, which shorten the step"

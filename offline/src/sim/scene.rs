@@ -70,7 +70,10 @@ pub struct Scene {
 /// The paper's rope is 0.028 units thick on a grid of 1/64 unit.
 pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
 
-/// Fewest cells across the rope for which bending is resolved at all.
+/// Cells across the rope from which on bending stiffness is within 5 %, wherever the grid lies, in the
+/// first two modes of a rope of twenty diameters (`offline verify`: 1.3 % and 3.8 % low here, 1.9 % and
+/// 5.4 % at 1.25 cells, falling with the square of the spacing). Thinner ropes are refused, and this is
+/// the spacing that the program chooses where nobody asks for a finer one.
 pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;
 
 /// Share of the P-wave's crossing time of one cell that a step may take.
@@ -227,15 +230,14 @@ impl Scene {
         if !cells.is_finite() || cells < MIN_CELLS_PER_DIAMETER {
             return Err(SimError::at_start(Cause::TooThin { cells }));
         }
-        let spacing_m = rope.diameter_m / cells;
-        let scene = Self {
+        let mut scene = Self {
             rope,
             start_m,
             direction,
             grips,
             table,
             grid: GridSpec {
-                spacing_m,
+                spacing_m: rope.diameter_m / cells,
                 shift_cells: [0.0; 3],
             },
             sampling: Sampling::default(),
@@ -246,21 +248,47 @@ impl Scene {
             settling: None,
             score_from_s: f64::INFINITY,
         };
+        scene.check()?;
+        scene.lay_grid(cells);
         scene.refuse_unreachable()?;
         Ok(scene)
     }
 
-    /// The particles' layout; slices end where the grips end.
-    pub fn layout(&self) -> RopeLayout {
-        let edges: Vec<f64> = self
-            .grips
+    /// Lays the grid with at least `cells` cells across the rope, so that the edges of the grips lie in
+    /// the middle between node planes: there the kernel smooths a clamp's edge evenly to both sides, and
+    /// the clamp is found where it is. Measured on a cantilever of ten diameters, 1.5 cells thick: the sag
+    /// is 0.3 % off with the edge in the middle, 0.4 % and 2.7 % with the edge a quarter of a cell beyond
+    /// it and before it. With two grips the free length is a whole number of cells.
+    pub fn lay_grid(&mut self, cells: f64) {
+        let mut spacing_m = self.rope.diameter_m / cells;
+        let edges = self.edges_m();
+        if let [a, b] = edges[..] {
+            let free_m = (a - b).abs();
+            spacing_m = free_m / (free_m / spacing_m).ceil();
+        }
+        let shift = edges
+            .first()
+            .map_or(0.0, |edge| (0.5 - edge / spacing_m).rem_euclid(1.0));
+        self.grid = GridSpec {
+            spacing_m,
+            shift_cells: [shift, 0.0, 0.0],
+        };
+    }
+
+    /// Arc lengths at which the grips end, m.
+    fn edges_m(&self) -> Vec<f64> {
+        self.grips
             .iter()
             .map(|grip| match grip.end {
                 RopeEnd::Start => grip.length_m,
                 RopeEnd::End => self.rope.length_m - grip.length_m,
             })
-            .collect();
-        RopeLayout::new(self.rope, &edges, self.grid.spacing_m, self.sampling)
+            .collect()
+    }
+
+    /// The particles' layout; slices end where the grips end.
+    pub fn layout(&self) -> RopeLayout {
+        RopeLayout::new(self.rope, &self.edges_m(), self.grid.spacing_m, self.sampling)
     }
 
     /// Refuses paths on which two closed clamps are further apart than the rope between them.
