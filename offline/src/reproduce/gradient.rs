@@ -77,22 +77,15 @@ impl Descent {
         Ok(sum.total())
     }
 
-    /// Descends from `start` with `rates`, for `iterations` steps; `said` hears each iterate's number.
+    /// Descends from `start` with `rates`, for `iterations` steps.
     ///
     /// # Errors
     /// A simulation stopped.
-    pub fn run(
-        &self,
-        start: Parameters,
-        rates: Rates,
-        iterations: usize,
-        said: &dyn Fn(usize),
-    ) -> Result<Descended, SimError> {
+    pub fn run(&self, start: Parameters, rates: Rates, iterations: usize) -> Result<Descended, SimError> {
         let mut adam = Adam::new(start, rates);
         let mut losses = Vec::with_capacity(iterations + 1);
         let mut best = (f64::INFINITY, start);
         for iteration in 0..=iterations {
-            said(iteration);
             let here = clipped(adam.parameters);
             let loss = self.loss(here)?;
             losses.push(loss.value);
@@ -164,7 +157,7 @@ mod tests {
         for steps in [Steps::All, Steps::Last] {
             let descent = Descent::new(&scene, FRICTION, &clouds(&scene, truth), steps);
             assert_eq!(descent.measured.len(), if steps == Steps::All { 30 } else { 1 });
-            let found = descent.run([4000.0, 0.3], Rates::RELEASED, 3, &|_| ()).unwrap();
+            let found = descent.run([4000.0, 0.3], Rates::RELEASED, 3).unwrap();
             assert_eq!(found.losses.len(), 4);
             assert!(found.losses[3] < found.losses[0], "{:?}", found.losses);
             assert!(found.best[0] > 4200.0, "{:?}", found.best);

@@ -172,8 +172,11 @@ fn finish(
     Ok(judged)
 }
 
-/// All particles of the last state, m.
-fn last_state(case: &Case, parameters: [f64; 2]) -> anyhow::Result<Vec<[f64; 3]>> {
+/// All particles of the last state at (E in paper units, ν), m.
+///
+/// # Errors
+/// The simulation stopped.
+pub fn last_state(case: &Case, parameters: [f64; 2]) -> anyhow::Result<Vec<[f64; 3]>> {
     let mut scene = case.scene.clone();
     scene.keep_particles = true;
     let last = scene.frame_times_s.len() - 1;

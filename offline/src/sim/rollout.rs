@@ -511,7 +511,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             }
             // Frames fall between steps: go back along the velocity, less than one step.
             let ahead_s = due - now_s;
-            let at = |(place, velocity)| add(place, scaled(velocity, ahead_s));
+            let at = |(place, velocity): (Vec3<T>, Vec3<T>)| add(place, scaled(velocity, ahead_s));
             let slices = 0..engine.slices();
             self.frames
                 .push(slices.clone().map(|s| at(engine.slice_mean(s))).collect());
