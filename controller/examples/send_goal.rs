@@ -8,7 +8,7 @@ use controller::client::Client;
 use controller::program;
 use shared::messages::{Phase, Reason};
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Sends one goal and waits until it is done or refused.
 #[derive(Parser)]
@@ -19,6 +19,9 @@ struct Args {
     /// Which rope of the policy file, from 0
     #[arg(long, default_value_t = 0)]
     rope: u32,
+    /// Promise a sign of life this often, ms: when this program dies, the arm stops; 0 promises nothing
+    #[arg(long, default_value_t = 0)]
+    keep_alive_ms: u32,
     /// Name of the controller
     #[arg(long, default_value = "genorm")]
     instance: String,
@@ -30,10 +33,20 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<()> {
     let mut client = Client::connect(&args.instance, Duration::from_secs(2))?;
-    let id = client.send_goal(args.rope, args.x)?;
+    let id = client.send_watched_goal(args.rope, args.x, args.keep_alive_ms)?;
     let text = |code| Reason::from_code(code).map_or("a reason this client does not know", Reason::text);
     let mut state = None;
-    while let Some(status) = client.wait_status(Duration::from_secs(1))? {
+    // A live controller sends a status every 100 ms.
+    let mut heard = Instant::now();
+    while heard.elapsed() < Duration::from_secs(1) {
+        if args.keep_alive_ms > 0 {
+            client.keep_alive(id)?;
+        }
+        let pause = Duration::from_millis(u64::from(args.keep_alive_ms.clamp(3, 90)) / 3);
+        let Some(status) = client.wait_status(pause)? else {
+            continue;
+        };
+        heard = Instant::now();
         if status.finished_goal_id == id {
             println!("goal {id} ended: {}", text(status.finished_reason));
             if status.finished_reason != Reason::Done.code() {

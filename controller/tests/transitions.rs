@@ -395,6 +395,98 @@ fn malformed_commands_are_ignored() {
 }
 
 #[test]
+fn an_emergency_stop_latches_while_waiting_too() {
+    let mut world = World::new();
+    let state = world.arm.take();
+    world.run(5);
+    assert_eq!(world.command(CommandKind::EmergencyStop), Reason::Accepted);
+    assert_eq!(world.controller.phase(), Phase::Fault);
+    assert_eq!(world.latch(), Reason::EmergencyStop);
+    assert_eq!(
+        world.command(CommandKind::Reset),
+        Reason::RobotNotAtRest,
+        "a silent arm is not known to rest"
+    );
+    world.arm = state;
+    world.run(1);
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+    world.run_to(Phase::Idle);
+}
+
+/// A stop under way: what is asked for in the middle of it, and where it ends.
+#[test]
+fn a_stop_under_way_can_only_become_stricter() {
+    use CommandKind::{Cancel, EmergencyStop};
+    for (first, second, end) in [
+        (Cancel, EmergencyStop, Phase::Fault),
+        (EmergencyStop, Cancel, Phase::Fault),
+        (EmergencyStop, EmergencyStop, Phase::Fault),
+        (Cancel, Cancel, Phase::Idle),
+    ] {
+        let mut world = World::idle();
+        world.accept();
+        world.run_to(Phase::Homing);
+        world.run(100);
+        world.command(first);
+        world.run(2);
+        world.command(second);
+        assert_eq!(world.controller.phase(), Phase::Stopping);
+        world.run_to(end);
+        world.run(20);
+        assert_eq!(world.controller.phase(), end, "{first:?} {second:?}");
+        let ended = Reason::from_code(world.status.finished_reason).unwrap();
+        let expected = if first == Cancel {
+            Reason::Cancelled
+        } else {
+            Reason::EmergencyStop
+        };
+        assert_eq!(ended, expected, "the goal ended for the first of the two");
+        limits_hold(&world.targets).unwrap();
+    }
+}
+
+#[test]
+fn shutting_down_ends_at_once_where_nothing_moves_and_after_every_stop() {
+    type Prepare = fn(&mut World);
+    let cases: [(&str, Prepare); 5] = [
+        ("waiting", |world| world.arm = None),
+        ("idle", |world| world.run_to(Phase::Idle)),
+        ("fault", |world| {
+            world.run_to(Phase::Idle);
+            world.command(CommandKind::EmergencyStop);
+            world.run_to(Phase::Fault);
+        }),
+        ("cancelling", |world| {
+            world.run_to(Phase::Idle);
+            world.accept();
+            world.run(200);
+            world.command(CommandKind::Cancel);
+        }),
+        ("stopping", |world| {
+            world.run_to(Phase::Idle);
+            world.accept();
+            world.run(200);
+            world.command(CommandKind::EmergencyStop);
+        }),
+    ];
+    for (name, prepare) in cases {
+        let mut world = World::new();
+        prepare(&mut world);
+        let moving = world.controller.phase() == Phase::Stopping;
+        for _ in 0..200 {
+            world.next.shutdown = true;
+            world.run(1);
+            if world.ended {
+                break;
+            }
+            assert!(moving, "{name}: nothing moves");
+        }
+        assert_eq!(world.controller.phase(), Phase::Ended, "{name}");
+        limits_hold(&world.targets).unwrap();
+    }
+}
+
+#[test]
 fn shutting_down_slows_down_first() {
     let mut world = World::idle();
     world.accept();

@@ -64,6 +64,27 @@ pub struct Everything {
     pub fields: Vec<ForceField<f64>>,
 }
 
+/// Effects of which `wanted` holds for the physics that they alone make.
+pub fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
+    let alone = |&effect: &usize| {
+        let values: Vec<f64> = ALL[effect]
+            .parameters
+            .iter()
+            .map(|p| p.smallest_of_interest)
+            .collect();
+        let mut physics = Physics::base(4e5, 0.3, 0.4);
+        effects::add_to(effect, &values, &mut physics);
+        wanted(&physics)
+    };
+    (0..ALL.len()).filter(alone).collect()
+}
+
+/// Effects that reverse mode knows and that have slopes everywhere: their laws act on one particle at a
+/// time and forget, and none of them is a jump in time.
+pub fn smooth_particle_effects() -> Vec<usize> {
+    effects_where(|p| !p.changes_material() && p.observation_laws.is_empty() && p.release_delay_s == 0.0)
+}
+
 /// Entries of θ before the effects'.
 const BASE: usize = 3;
 
@@ -186,9 +207,9 @@ fn contracted<F: Precision, const N: usize>(
 }
 
 /// Tangents that one rollout of [`Tangents`] carries.
-pub const LANES: usize = 12;
+pub const LANES: usize = 16;
 
-/// Rollouts with the tangents of every entry of θ, twelve at a time.
+/// Rollouts with the tangents of every entry of θ, sixteen at a time.
 pub struct Tangents<F: Precision>(Vec<Rollout<Dual<F, LANES>>>);
 
 impl<F: Precision> Tangents<F>

@@ -170,7 +170,8 @@ impl World {
             if !grip.closed {
                 continue;
             }
-            if grip.motion.opens_at_s.is_some_and(|at| self.t_s >= at) {
+            let late_s = self.effects.release_delay_s;
+            if grip.motion.opens_at_s.is_some_and(|at| self.t_s >= at + late_s) {
                 grip.closed = false;
                 opened = true;
                 continue;
@@ -200,16 +201,20 @@ impl World {
     }
 
     /// The last gripped node's bend stands for half a segment only (the other half is rigid), so it
-    /// is twice as stiff; this puts the wall of a cantilever exactly at the grip's end.
+    /// is twice as stiff; this puts the wall of a cantilever exactly at the grip's end. A clamp that
+    /// gives is a spring in series there.
     fn stiffen_at_grips(&mut self) {
         self.rod.bending.copy_from_slice(&self.free_bending);
+        self.rod.bend_m.fill(self.rod.rest_m);
         for grip in self.grips.iter().filter(|grip| grip.closed) {
             let inmost = match grip.motion.end {
                 RopeEnd::Start => grip.nodes.last(),
                 RopeEnd::End => grip.nodes.first(),
             };
             if let Some((node, _)) = inmost {
-                self.rod.bending[*node] *= 2.0;
+                let stiffness = 2.0 * self.rod.bending[*node];
+                self.rod.bending[*node] = stiffness / (1.0 + self.effects.clamp_compliance * stiffness);
+                self.rod.bend_m[*node] = 0.5 * self.rod.rest_m;
             }
         }
     }
@@ -264,8 +269,11 @@ fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
 /// Effects that change the rope itself.
 fn apply_to_rope(rod: &mut Rod, length_m: f64, effects: &WorldEffects) {
     let last = rod.x.len() - 1;
+    rod.natural_per_m = effects.rest_curvature_per_m;
+    rod.stiffening = effects.stiffening;
     for i in 0..=last {
         let s = i as f64 * rod.rest_m;
+        rod.bending[i] *= 1.0 + effects.bending_change;
         rod.mass[i] *= 1.0 + effects.density_slope * (s / length_m - 0.5);
         if let Some(piece) = effects.stiff_piece
             && (piece.from_m..=piece.to_m).contains(&s)

@@ -33,6 +33,20 @@ pub struct WorldEffects {
     pub clock_offset_s: f64,
     /// Error in the declared position of the first camera, m.
     pub camera_offset_m: [f64; 3],
+    /// Error of all cameras together about the rope's first place: what they see is shifted, m.
+    pub rig_shift_m: [f64; 3],
+    /// And turned, rotation vector, rad.
+    pub rig_turn_rad: [f64; 3],
+    /// Natural curvature in the plane of x and z, 1/m; upwards for a rope along x.
+    pub rest_curvature_per_m: f64,
+    /// Bending stiffness beyond what E says, as a share of it; stretching stays.
+    pub bending_change: f64,
+    /// Coefficient c of a stress E ε (1 + c ε²).
+    pub stiffening: f64,
+    /// Clamps open so much later than recorded, s.
+    pub release_delay_s: f64,
+    /// Clamps turn with the bending moment at their mouth, rad per N m.
+    pub clamp_compliance: f64,
     /// A fan: air moves only inside a ball.
     pub air_jet: Option<AirJet>,
     /// The rope slides out of the first clamp, once.
@@ -80,6 +94,13 @@ impl WorldEffects {
         let about_y = Rotation3::from_axis_angle(&Unit::new_unchecked(Vector3::y()), self.tilt_rad[0]);
         let about_x = Rotation3::from_axis_angle(&Unit::new_unchecked(Vector3::x()), self.tilt_rad[1]);
         about_x * (about_y * Vector3::new(0.0, 0.0, -9.81))
+    }
+
+    /// Where the cameras, as a whole, make a point appear; `pivot_m` is the rope's first place.
+    pub fn seen_at(&self, point_m: [f64; 3], pivot_m: [f64; 3]) -> [f64; 3] {
+        let pivot = Vector3::from(pivot_m);
+        let turned = Rotation3::new(Vector3::from(self.rig_turn_rad)) * (Vector3::from(point_m) - pivot);
+        (pivot + turned + Vector3::from(self.rig_shift_m)).into()
     }
 
     /// Whether anything acts on the rope through the air.

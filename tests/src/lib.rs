@@ -8,5 +8,6 @@ pub mod effects;
 pub mod motion;
 pub mod rod;
 pub mod sample_rope;
+pub mod scenes;
 pub mod swing;
 pub mod world;

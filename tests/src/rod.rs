@@ -37,6 +37,15 @@ pub struct Rod {
     pub share_m: Vec<f64>,
     /// Bending stiffness at each inner node over the length it stands for, N m; the ends have none.
     pub bending: Vec<f64>,
+    /// Length of rope whose bend each node stands for, m.
+    pub bend_m: Vec<f64>,
+    /// Natural curvature about −y, 1/m: of a rod along x, upwards. The axis does not turn with the rod,
+    /// so this is for motion in the plane of x and z.
+    pub natural_per_m: f64,
+    /// Coefficient c of the stress E ε (1 + c ε²).
+    pub stiffening: f64,
+    /// E ∫ y⁴ dA, N m⁴: what stiffening multiplies in bending.
+    pub fourth_n_m4: f64,
     /// Rest length of a segment, m.
     pub rest_m: f64,
     /// Stretching stiffness, N.
@@ -76,6 +85,11 @@ impl Rod {
             mass: share_m.iter().map(|s| spec.mass_kg * s / spec.length_m).collect(),
             share_m,
             bending: (0..=n).map(|i| if inner(i) { bend } else { 0.0 }).collect(),
+            bend_m: vec![rest_m; n + 1],
+            natural_per_m: 0.0,
+            stiffening: 0.0,
+            // ∫ y⁴ dA = π R⁶/8 over a disc.
+            fourth_n_m4: spec.young_pa * PI * (0.5 * spec.diameter_m).powi(6) / 8.0,
             rest_m,
             axial: spec.young_pa * area,
             axial_retardation_s: spec.axial_retardation_s,
@@ -104,7 +118,8 @@ impl Rod {
         for (j, edge) in self.edges.iter().enumerate() {
             let strain = edge.length_m / self.rest_m - 1.0;
             let strain_rate = edge.tangent.dot(&edge.rate) / self.rest_m;
-            let pull = edge.tangent * (self.axial * (strain + self.axial_retardation_s * strain_rate));
+            let elastic = strain + self.stiffening * strain.powi(3);
+            let pull = edge.tangent * (self.axial * (elastic + self.axial_retardation_s * strain_rate));
             force[j] += pull;
             force[j + 1] -= pull;
         }
@@ -113,7 +128,8 @@ impl Rod {
     /// Bending with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2).
     ///
     /// With c = cos θ between neighbouring tangents the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so
-    /// dE/dc = −4B/(1 + c)² and the force follows from dc/de₀ = (t₁ − c t₀)/|e₀|. The viscous part
+    /// dE/dc = −4B/(1 + c)² and the force follows from dc/de₀ = (t₁ − c t₀)/|e₀|. A stiffening stress adds the
+    /// moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k (`natural_force`). The viscous part
     /// resists the difference of the neighbours' angular velocities t × ṫ with the torque B τ Δω,
     /// which is exact for motion in a plane.
     fn add_bending(&self, force: &mut [Vector3<f64>]) {
@@ -123,9 +139,16 @@ impl Rod {
             let (t0, t1) = (&near.tangent, &far.tangent);
             let stiffness = self.bending[i];
             let c = t0.dot(t1);
-            let slope = 4.0 * stiffness / (1.0 + c).powi(2);
+            let square = 4.0 * (1.0 - c) / (1.0 + c);
+            let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
+            let slope = 4.0 * (stiffness + quartic * square) / (1.0 + c).powi(2);
             let mut on_near = (t1 - t0 * c) * (slope / near.length_m);
             let mut on_far = (t0 - t1 * c) * (slope / far.length_m);
+            if self.natural_per_m != 0.0 {
+                let natural = Vector3::new(0.0, -self.natural_per_m * self.bend_m[i], 0.0);
+                on_near += natural_force(t0, t1, &natural) * (stiffness / near.length_m);
+                on_far -= natural_force(t1, t0, &natural) * (stiffness / far.length_m);
+            }
             if viscous {
                 let w0 = t0.cross(&near.rate) / near.length_m;
                 let w1 = t1.cross(&far.rate) / far.length_m;
@@ -166,13 +189,19 @@ impl Rod {
         let mut energy = 0.0;
         for j in 0..self.edges.len() {
             let strain = (self.x[j + 1] - self.x[j]).norm() / self.rest_m - 1.0;
-            energy += 0.5 * self.axial * self.rest_m * strain * strain;
+            let stiffer = 1.0 + 0.5 * self.stiffening * strain * strain;
+            energy += 0.5 * self.axial * self.rest_m * strain * strain * stiffer;
         }
         for i in 1..self.edges.len() {
             let t0 = (self.x[i] - self.x[i - 1]).normalize();
             let t1 = (self.x[i + 1] - self.x[i]).normalize();
             let c = t0.dot(&t1);
-            energy += 2.0 * self.bending[i] * (1.0 - c) / (1.0 + c);
+            let square = 4.0 * (1.0 - c) / (1.0 + c);
+            let natural = self.natural_per_m * self.bend_m[i];
+            let about_y = 2.0 * t0.cross(&t1).y / (1.0 + c);
+            let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
+            energy += self.bending[i] * (0.5 * (square + natural * natural) + natural * about_y)
+                + 0.25 * quartic * square * square;
         }
         energy
     }
@@ -182,4 +211,11 @@ impl Rod {
         let pairs = self.mass.iter().zip(&self.v);
         pairs.map(|(m, v)| v * *m).sum()
     }
+}
+
+/// Part across t₀ of d(κb·k)/dt₀ with κb = 2 t₀ × t₁/(1 + t₀·t₁). Swapping the tangents turns the sign.
+fn natural_force(t0: &Vector3<f64>, t1: &Vector3<f64>, natural: &Vector3<f64>) -> Vector3<f64> {
+    let (c, bent) = (1.0 + t0.dot(t1), t0.cross(t1).dot(natural));
+    let slope = t1.cross(natural) * (2.0 / c) - t1 * (2.0 * bent / (c * c));
+    slope - t0 * t0.dot(&slope)
 }

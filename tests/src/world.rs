@@ -77,7 +77,7 @@ pub fn record_demo(spec: &WorldSpec, effects: &WorldEffects, seed: u64) -> Demo 
     let radius = 0.5 * spec.material.rope.diameter_m;
     let mut frames = Vec::new();
     for truth in simulate(spec, effects) {
-        let points_m = observe(
+        let mut points_m = observe(
             &spec.cameras,
             effects.camera_offset_m,
             &truth.nodes_m,
@@ -85,6 +85,9 @@ pub fn record_demo(spec: &WorldSpec, effects: &WorldEffects, seed: u64) -> Demo 
             &spec.sensor,
             &mut random,
         );
+        for point in &mut points_m {
+            *point = effects.seen_at(*point, spec.start_m);
+        }
         // A lab leaves out a frame in which the rope has left the image.
         if !points_m.is_empty() {
             frames.push(CloudFrame {

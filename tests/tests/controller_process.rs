@@ -179,6 +179,39 @@ fn an_emergency_stop_latches_until_a_reset() {
     limits_hold_at(&targets, 0.004).expect("no limit is broken");
 }
 
+/// Every figure that the benchmark promises is there, whatever it is: how punctual a machine is, is no
+/// question for a test.
+#[test]
+fn the_benchmark_reports_every_figure_and_writes_histograms() {
+    let world = World::new();
+    let folder = world.path("histograms");
+    let output = Command::new(program("controller"))
+        .args(["bench", "--seconds", "1", "--json", "--histograms"])
+        .arg(&folder)
+        .output()
+        .expect("the controller runs");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{words}");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    for figure in ["wake", "jitter", "turn", "answer", "goal_to_first_target"] {
+        assert!(
+            report["idle"][figure]["count"].as_u64().expect("a count") > 0,
+            "{figure}"
+        );
+        let file = if figure == "answer" { "turn" } else { figure };
+        let table = folder.join(format!("idle-{}.hgrm", file.replace('_', "-")));
+        let text = std::fs::read_to_string(table).expect("a table");
+        assert!(text.contains("1/(1-Percentile)"), "{text}");
+    }
+    assert_eq!(report["idle"]["cost"]["allocator_calls"], 0);
+    let compared = report["idle"]["wake_p99_ratio"].is_number();
+    let excused = report["cyclictest_missing"].is_string();
+    assert!(compared != excused, "{report}");
+    for part in ["policy", "ik_from_middle", "ik_along_line", "plan"] {
+        assert!(report["parts"][part]["p50_ns"].is_number(), "{part}");
+    }
+}
+
 #[test]
 fn a_second_controller_and_a_bad_policy_file_are_refused_in_one_line() {
     let world = World::new();

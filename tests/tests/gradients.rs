@@ -1,90 +1,105 @@
 //! Reverse mode against forward mode: every input, each scene, whole rollouts, through contact and
 //! release; the budget; and what a gradient says where a path is moved by hand.
 
-use offline::effects::ALL;
 use offline::sim::adjoint::{DEFAULT_BUDGET_BYTES, Family, Precision, release_gradient};
 use offline::sim::clamp::{KnotShift, PathShift};
 use offline::sim::lanes::Laned;
 use offline::sim::{Cause, Dual, Scene, simulate};
 use tests::derivatives::{
-    Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,
-    reverse_gradient, smooth_cotangent, swing,
+    Contracted, Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,
+    reverse_gradient, smooth_cotangent, smooth_particle_effects, swing,
 };
 
-/// Every effect of the registry, a random direction of each path and two of the force. A path of one knot
+/// Every effect with a smooth law of single particles, a random direction of each path and two of the force. A path of one knot
 /// holds the rope where it is, wherever that knot lies.
 fn everything(scene: &Scene) -> Everything {
     let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
     let grips = (0..scene.grips.len()).filter(moves);
     Everything {
-        effects: (0..ALL.len()).collect(),
+        effects: smooth_particle_effects(),
         shifts: grips.map(|g| random_shift(scene, g, 10 + g as u64)).collect(),
         fields: vec![random_field(scene, 5, 20), random_field(scene, 5, 21)],
     }
 }
 
-/// What an error is measured by: the derivative itself, or the terms of its sum before they cancel.
-#[derive(Clone, Copy)]
-enum Measure {
-    Net,
-    Gross,
+/// The gradients of a scene by both modes.
+struct Both {
+    names: Vec<String>,
+    forward: Vec<Contracted>,
+    reverse: Vec<f64>,
 }
 
-/// Prints and checks every entry of the gradient. Friction does nothing without a table.
-fn compare<F: Precision>(name: &str, scene: &Scene, measure: Measure, tolerance: f64)
+fn both<F: Precision>(scene: &Scene) -> Both
 where
     Dual<F, LANES>: Laned,
 {
     let family = everything(scene);
     let theta = family.theta(SOFT, 0.2);
     let cotangent = smooth_cotangent(scene);
-    let forward = forward_gradient::<F, _>(scene, &family, &theta, &cotangent).unwrap();
     let got = reverse_gradient::<F, _>(scene, &family, &theta, &cotangent, DEFAULT_BUDGET_BYTES).unwrap();
-    let mut worst = 0.0f64;
-    for ((entry, forward), reverse) in family.names().iter().zip(&forward).zip(&got.gradient.theta) {
-        let off = (reverse - forward.value).abs();
-        if scene.table.is_none() && entry.contains("friction") {
+    Both {
+        names: family.names(),
+        forward: forward_gradient::<F, _>(scene, &family, &theta, &cotangent).unwrap(),
+        reverse: got.gradient.theta,
+    }
+}
+
+/// In double precision, as a share of the derivative itself. Friction does nothing without a table.
+fn compare(name: &str, scene: &Scene) {
+    let both = both::<f64>(scene);
+    for (entry, label) in both.names.iter().enumerate() {
+        let (forward, reverse) = (both.forward[entry], both.reverse[entry]);
+        if scene.table.is_none() && label.contains("friction") {
             assert!(
-                forward.gross == 0.0 && *reverse == 0.0,
-                "{name}: {entry} without a table"
+                forward.gross == 0.0 && reverse == 0.0,
+                "{name}: {label} without a table"
             );
             continue;
         }
-        println!(
-            "{name}: {entry}: {reverse:.6e}, off by {:.1e}, {:.1e} before cancellation",
-            off / forward.value.abs(),
-            off / forward.gross
-        );
-        assert!(forward.gross > 0.0, "{name}: {entry} does nothing");
-        let size = match measure {
-            Measure::Net => forward.value.abs(),
-            Measure::Gross => forward.gross,
-        };
-        worst = worst.max(off / size);
+        let error = (reverse - forward.value).abs() / forward.value.abs();
+        println!("{name}: {label}: {reverse:.6e}, off by {error:.1e}");
+        assert!(error < 1e-9, "{name}: {label}: off by {error:.1e}");
     }
-    assert!(worst < tolerance, "{name}: off by {worst:.1e}");
 }
 
 #[test]
 fn the_gradient_of_a_lift_is_that_of_forward_mode() {
-    compare::<f64>("lift", &lift(), Measure::Net, 1e-9);
+    compare("lift", &lift());
 }
 
 #[test]
 fn the_gradient_of_a_carried_and_dropped_rope_is_that_of_forward_mode() {
-    compare::<f64>("free", &free(), Measure::Net, 1e-9);
+    compare("free", &free());
 }
 
 #[test]
 fn the_gradient_of_a_swing_is_that_of_forward_mode() {
-    compare::<f64>("swing", &swing(RELEASE_M), Measure::Net, 1e-9);
+    compare("swing", &swing(RELEASE_M));
 }
 
-/// Sums in single precision are as exact as their largest terms, so errors count in these.
+/// In single precision both modes agree to 1e-4 of the terms that their sums are made of, or as well as
+/// forward mode in single precision agrees with itself in double: rounding takes the two through
+/// slightly different rollouts, and after a contact has closed a step earlier in one of them they are as
+/// far apart as single precision is from the truth.
 #[test]
 fn the_gradients_of_all_scenes_are_those_of_forward_mode_in_single_precision() {
     for (name, scene) in [("lift", lift()), ("free", free()), ("swing", swing(RELEASE_M))] {
-        compare::<f32>(&format!("{name} f32"), &scene, Measure::Gross, 1e-4);
+        let (single, double) = (both::<f32>(&scene), both::<f64>(&scene));
+        let mut within = 0;
+        for (entry, label) in single.names.iter().enumerate() {
+            let (forward, reverse) = (single.forward[entry], single.reverse[entry]);
+            let off = (reverse - forward.value).abs();
+            let rounding = (forward.value - double.forward[entry].value).abs();
+            let target = 1e-4 * forward.gross;
+            println!(
+                "{name} f32: {label}: modes apart by {:.1e}, f32 from f64 by {:.1e} of the terms",
+                off / forward.gross,
+                rounding / forward.gross
+            );
+            within += usize::from(off <= target);
+            assert!(off <= target.max(rounding), "{name}: {label}: {off:.1e}");
+        }
+        println!("{name} f32: {within} of {} within 1e-4", single.names.len());
     }
 }
 

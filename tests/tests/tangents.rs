@@ -1,14 +1,14 @@
 //! Forward mode against central differences: every input, each scene, several lengths up to the whole
 //! rollout, through contact and release; and what it returns where there is no derivative.
 
-use offline::effects::ALL;
 use offline::sim::adjoint::Family;
 use offline::sim::clamp::PathShift;
 use offline::sim::physics::{ForceField, GRAVITY_M_S2};
 use offline::sim::scene::{Scene, Table};
 use offline::sim::{Rollout, simulate};
 use tests::derivatives::{
-    Everything, RELEASE_M, SOFT, Slope, Tangents, free, lift, random_shift, slope, soft_rope, swing,
+    Everything, RELEASE_M, SOFT, Slope, Tangents, free, lift, random_shift, slope, smooth_particle_effects,
+    soft_rope, swing,
 };
 
 /// Largest error, as a share of the difference over the frames up to any length.
@@ -55,12 +55,12 @@ fn compare(name: &str, scene: &Scene, family: &Everything, step: f64) {
     assert!(wrong.is_empty(), "{name}: {wrong:?}");
 }
 
-/// Every effect of the registry and a random direction of each path that moves.
+/// Every effect with a smooth law of single particles and a random direction of each path that moves.
 fn everything(scene: &Scene) -> Everything {
     let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
     let grips = (0..scene.grips.len()).filter(moves);
     Everything {
-        effects: (0..ALL.len()).collect(),
+        effects: smooth_particle_effects(),
         shifts: grips.map(|g| random_shift(scene, g, 30 + g as u64)).collect(),
         fields: Vec::new(),
     }

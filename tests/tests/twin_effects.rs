@@ -69,7 +69,7 @@ fn difference(effects: &WorldEffects) -> f64 {
 /// A name and what switches the effect on.
 type Switch = (&'static str, fn(&mut WorldEffects));
 
-const SWITCHES: [Switch; 12] = [
+const SWITCHES: [Switch; 16] = [
     ("tip mass", |e| e.tip_mass_kg = 0.009),
     ("tilt", |e| e.tilt_rad = [0.1, 0.0]),
     ("linear drag", |e| e.drag_linear_per_s = 5.0),
@@ -82,6 +82,10 @@ const SWITCHES: [Switch; 12] = [
     ("density", |e| e.density_slope = 0.8),
     ("lag", |e| e.gripper_lag_s = 0.03),
     ("clock", |e| e.clock_offset_s = 0.03),
+    ("rest curvature", |e| e.rest_curvature_per_m = 2.0),
+    ("bending", |e| e.bending_change = 0.5),
+    ("stiffening", |e| e.stiffening = 50.0),
+    ("compliance", |e| e.clamp_compliance = 5.0),
     ("jet", |e| {
         e.air_jet = Some(AirJet {
             centre_m: [0.15, 0.0, 0.05],
@@ -270,4 +274,115 @@ fn a_wrong_camera_position_moves_only_its_own_points() {
     };
     let change = height(&shifted) - height(&WorldEffects::default());
     assert!((change + 0.02).abs() < 2e-3, "{change}");
+}
+
+/// A rod without weight takes its natural curvature, upwards, and stores nothing then.
+#[test]
+fn a_weightless_rod_takes_its_natural_curvature() {
+    let curvature = 4.0;
+    let effects = WorldEffects {
+        rest_curvature_per_m: curvature,
+        drag_linear_per_s: 20.0,
+        ..WorldEffects::default()
+    };
+    // It falls, which does not bend it.
+    let mut free = world(&[], &effects);
+    free.advance_to(2.0);
+    let x = &free.rod.x;
+    let chord = |i: usize| (x[i + 1] - x[i]).normalize();
+    let turn = chord(0).cross(&chord(24));
+    let angle = turn.norm().atan2(chord(0).dot(&chord(24)));
+    // 24 bends of 10 mm.
+    assert!((angle / (curvature * 0.24) - 1.0).abs() < 0.02, "{angle}");
+    assert!(turn.y < 0.0, "upwards");
+    assert!(
+        free.rod.elastic_energy_j()
+            < 1e-3 * 0.5 * curvature.powi(2) * 9e5 * PI * DIAMETER.powi(4) / 64.0 * LENGTH
+    );
+}
+
+/// A spring in series at the wall adds C M to the slope: C q L²/2 · L at the tip.
+#[test]
+fn a_compliant_clamp_and_a_bending_change_alter_the_sag_as_beams_do() {
+    let sag = |effects: WorldEffects| {
+        let settled = WorldEffects {
+            drag_linear_per_s: 60.0,
+            ..effects
+        };
+        let mut beam = World::new(&coarse(5e7), [0.0; 3], None, &fixed(), &settled);
+        beam.advance_to(0.6);
+        -beam.rod.x[25].z
+    };
+    let plain = sag(WorldEffects::default());
+    let compliance = 0.3;
+    let more = sag(WorldEffects {
+        clamp_compliance: compliance,
+        ..WorldEffects::default()
+    }) - plain;
+    let exact = compliance * 0.5 * MASS / LENGTH * 9.81 * 0.23f64.powi(3);
+    assert!((more / exact - 1.0).abs() < 0.02, "{more} against {exact}");
+    let softer = sag(WorldEffects {
+        bending_change: -0.5,
+        ..WorldEffects::default()
+    });
+    assert!(
+        (softer / plain / 2.0 - 1.0).abs() < 0.02,
+        "{softer} against {plain}"
+    );
+}
+
+/// The force is the slope of the energy, natural curvature and stiffening included, in the plane.
+#[test]
+fn forces_of_a_curved_stiffening_rod_are_slopes_of_its_energy() {
+    let effects = WorldEffects {
+        rest_curvature_per_m: 6.0,
+        stiffening: 40.0,
+        ..WorldEffects::default()
+    };
+    let mut rod = world(&[], &effects).rod;
+    for (i, x) in rod.x.iter_mut().enumerate() {
+        *x += Vector3::new(0.001 * (i as f64).sin(), 0.0, 0.002 * (0.5 * i as f64).cos());
+    }
+    let mut force = vec![Vector3::zeros(); rod.x.len()];
+    rod.add_forces(&mut force);
+    let scale = force.iter().map(|f| f.norm()).fold(0.0, f64::max);
+    for i in [0, 1, 7, 12, 24, 25] {
+        for axis in [0, 2] {
+            let h = 1e-7;
+            let mut energy_at = |shift: f64| {
+                rod.x[i][axis] += shift;
+                let energy = rod.elastic_energy_j();
+                rod.x[i][axis] -= shift;
+                energy
+            };
+            let slope = (energy_at(h) - energy_at(-h)) / (2.0 * h);
+            assert!(
+                (force[i][axis] + slope).abs() < 1e-5 * scale,
+                "node {i}, axis {axis}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_late_clamp_opens_later_and_a_turned_rig_turns_what_is_seen() {
+    let late = WorldEffects {
+        release_delay_s: 0.05,
+        ..WorldEffects::default()
+    };
+    let opening = |at, effects: &WorldEffects| {
+        let mut dropped = world(&held(ClampPath::new([0.0; 3], 0.0, &[]), Some(at)), effects);
+        dropped.advance_to(0.3);
+        dropped.rod.x[0]
+    };
+    let difference = opening(0.1, &late) - opening(0.15, &WorldEffects::default());
+    assert!(difference.norm() < 1e-4, "{difference}");
+    let turned = WorldEffects {
+        rig_shift_m: [0.0, 0.0, 0.01],
+        rig_turn_rad: [0.0, 0.0, 0.1],
+        ..WorldEffects::default()
+    };
+    let [x, y, z] = turned.seen_at([1.5, 1.0, 1.0], [0.5, 1.0, 1.0]);
+    let expected = [0.5 + 0.1f64.cos(), 1.0 + 0.1f64.sin(), 1.01];
+    assert!((x - expected[0]).abs() < 1e-12 && (y - expected[1]).abs() < 1e-12 && z == expected[2]);
 }

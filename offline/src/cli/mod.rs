@@ -1,6 +1,7 @@
 //! Command line of `offline`.
 
 mod demos;
+mod import;
 mod progress;
 mod reproduce;
 mod runs;
@@ -82,6 +83,9 @@ enum DemoCommand {
         #[arg(long)]
         out: Option<PathBuf>,
     },
+    /// Turn recordings of other formats into demonstration folders.
+    #[command(subcommand)]
+    Import(import::ImportCommand),
 }
 
 /// What a run works on.
@@ -143,6 +147,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Verify(a) => verify::run(&a, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
         Command::Reproduce(table) => reproduce::run(&table, json),
         Command::Inspect { path } => demos::inspect(&path, json),
     };

@@ -37,7 +37,6 @@ pub(super) fn excess_removed(before: &ResidualSummary, after: &ResidualSummary) 
 /// Gates that need no further simulation.
 pub(super) fn statistical_gates(
     score: &Score,
-    threshold: f64,
     before: (&ResidualSummary, &ResidualSummary),
     refit: &Refit,
     options: &LoopOptions,
@@ -52,10 +51,10 @@ pub(super) fn statistical_gates(
     vec![
         Gate::new(
             "significant",
-            score.statistic > threshold,
+            score.significant(),
             format!(
-                "score {:.0}, pseudo-data without effect reach {threshold:.0}",
-                score.statistic
+                "score {:.0}, pseudo-data without effect reach {:.0}",
+                score.statistic, score.threshold
             ),
         ),
         Gate::new(

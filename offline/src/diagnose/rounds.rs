@@ -115,6 +115,8 @@ const EXPLAINED_SHARE: f64 = 0.7;
 /// Last share of a demonstration that is held out when no other demonstration is.
 const HELD_OUT_SHARE: f64 = 0.3;
 
+/// How many of the best scores are told while the loop runs.
+const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
 const REFIT_EVALUATIONS: usize = 10;
 
@@ -260,13 +262,13 @@ fn one_round(
 ) -> Result<(Round, Option<Winner>), FitError> {
     progress("scoring every effect of the library from one pass of tangents");
     let table = score(bench, structure, &fitted.best.theta, options)?;
-    let now = ResidualSummary::of(&fitted.best);
-    let chosen: Vec<&Score> = table
-        .scores
-        .iter()
-        .filter(|s| s.statistic > table.threshold)
-        .take(options.refits)
+    let listed = table.scores.iter().take(LISTED);
+    let listed: Vec<String> = listed
+        .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
         .collect();
+    progress(&format!("best scores (needed): {}", listed.join(", ")));
+    let now = ResidualSummary::of(&fitted.best);
+    let chosen = leading(&table, options.refits);
     progress(&format!(
         "refitting with {}",
         if chosen.is_empty() {
@@ -277,18 +279,7 @@ fn one_round(
     ));
     let tried: Vec<Tried> = chosen
         .par_iter()
-        .filter_map(|score| {
-            refit(
-                bench,
-                structure,
-                fitted,
-                score,
-                table.threshold,
-                (&now, held_now),
-                options,
-            )
-            .ok()
-        })
+        .filter_map(|score| refit(bench, structure, fitted, score, (&now, held_now), options).ok())
         .collect();
     let (refits, winner, tied) = choose(bench, tried, progress)?;
     let accepted = winner.as_ref().map(|w| w.3.clone());
@@ -329,6 +320,27 @@ fn choose(bench: &Bench, mut tried: Vec<Tried>, progress: &dyn Fn(&str)) -> Resu
         refits.push(refit);
     }
     Ok((refits, winner, tied))
+}
+
+/// Effects worth a full refit: the best `count`, the whole family of the best, because only refits can
+/// tell its members apart, and whatever the other scores hold to be free.
+fn leading(table: &ScoreTable, count: usize) -> Vec<&Score> {
+    let significant: Vec<&Score> = table.scores.iter().filter(|s| s.significant()).collect();
+    let nuisance = |s: &Score| effects::ALL[s.effect].nuisance;
+    let Some(best) = significant.iter().find(|s| !nuisance(s)) else {
+        return significant;
+    };
+    let ranked = significant.iter().filter(|s| !nuisance(s)).take(count);
+    let related = significant
+        .iter()
+        .filter(|s| nuisance(s) || best.family.contains(&s.id));
+    let mut chosen: Vec<&Score> = ranked.copied().collect();
+    for score in related {
+        if chosen.iter().all(|c| c.id != score.id) {
+            chosen.push(score);
+        }
+    }
+    chosen
 }
 
 fn names(scores: &[&Score]) -> Vec<String> {
@@ -425,7 +437,6 @@ fn refit(
     structure: &Structure,
     fitted: &FitResult,
     score: &Score,
-    threshold: f64,
     before: (&ResidualSummary, &ResidualSummary),
     options: &LoopOptions,
 ) -> Result<(Refit, Structure, FitResult), FitError> {
@@ -449,7 +460,7 @@ fn refit(
         gates: Vec::new(),
         passed: false,
     };
-    refit.gates = statistical_gates(score, threshold, before, &refit, options);
+    refit.gates = statistical_gates(score, before, &refit, options);
     refit.passed = refit.gates.iter().all(|g| g.passed);
     Ok((refit, next, result))
 }

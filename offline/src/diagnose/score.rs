@@ -19,6 +19,9 @@ pub struct Score {
     pub id: String,
     /// Predicted drop of the whitened sum of squares.
     pub statistic: f64,
+    /// What it has to exceed: chosen so that in 95 % of pseudo-data without any effect no effect's
+    /// score exceeds its own threshold.
+    pub threshold: f64,
     /// One-step estimate per parameter.
     pub estimate: Vec<f64>,
     /// Its standard error, noise only.
@@ -29,6 +32,15 @@ pub struct Score {
     pub nearest_rival: Option<String>,
     /// Cosine between the two.
     pub rival_cosine: f64,
+    /// Effects whose remaining traces are so alike that these data hardly tell them apart.
+    pub family: Vec<String>,
+}
+
+impl Score {
+    /// Whether data without any effect would rarely give as much.
+    pub fn significant(&self) -> bool {
+        self.statistic > self.threshold
+    }
 }
 
 /// Scores and their calibration.
@@ -36,20 +48,21 @@ pub struct Score {
 pub struct ScoreTable {
     /// Best first.
     pub scores: Vec<Score>,
-    /// What the best score reaches in 95 % of pseudo-data without any effect.
-    pub threshold: f64,
     /// Root mean square of the estimated discretisation error after the base fit, mm.
     pub discretisation_mm: f64,
 }
 
 /// Number of pseudo-data sets.
 const PSEUDO_SETS: usize = 500;
-/// Quantile of the largest score over pseudo-data that an effect has to exceed.
+/// Share of the pseudo-data without any effect in which none shall be found.
 const QUANTILE: f64 = 0.95;
 /// Standard deviation of the camera's position error that is projected out, m.
 const CAMERA_SHIFT_M: f64 = 0.005;
 /// Standard deviation of the camera's rotation error that is projected out, rad.
 const CAMERA_TURN_RAD: f64 = 0.01;
+
+/// Cosine of two traces above which they count as one family.
+const FAMILY_COSINE: f64 = 0.95;
 
 /// Least-squares problem of a round: whitened residual, columns that are always free, and a block of
 /// columns per candidate effect.
@@ -57,11 +70,15 @@ pub struct ScoreProblem {
     residual: DVector<f64>,
     always: DMatrix<f64>,
     always_precision: Vec<f64>,
+    /// How many of the columns are parameters of the model; cameras follow.
+    known: usize,
     blocks: Vec<Block>,
 }
 
 struct Block {
     effect: usize,
+    /// Whether the camera's columns do what it does, so that it is scored without them.
+    without_cameras: bool,
     columns: DMatrix<f64>,
     low: Vec<f64>,
     high: Vec<f64>,
@@ -99,6 +116,7 @@ impl ScoreProblem {
             let at = |k: usize| wide.theta[k];
             blocks.push(Block {
                 effect,
+                without_cameras: effects::ALL[effect].nuisance,
                 columns: jacobian.columns(first, count).into_owned(),
                 low: range.clone().map(|k| info[k].low - at(k)).collect(),
                 high: range.clone().map(|k| info[k].high - at(k)).collect(),
@@ -110,24 +128,33 @@ impl ScoreProblem {
             residual,
             always,
             always_precision,
+            known: n_known,
             blocks,
         }
+    }
+
+    /// Residual and traces with what is free taken out: with the cameras free, and without.
+    fn views(&self) -> [View; 2] {
+        [self.always.ncols(), self.known].map(|count| {
+            let free = self.always.columns(0, count).into_owned();
+            let solver = Projector::new(free, &self.always_precision[..count]);
+            View {
+                traces: self.blocks.iter().map(|b| solver.remove(&b.columns)).collect(),
+                residual: solver.remove_vector(&self.residual),
+                solver,
+            }
+        })
     }
 
     /// Scores all candidates. `discretisation_m` is the estimated discretisation error of every row's
     /// prediction, `sigma_m` the rows' standard errors.
     pub fn table(&self, discretisation_m: &[f64], sigma_m: &[f64], seed: u64) -> ScoreTable {
-        let solver = Projector::new(&self.always, &self.always_precision);
-        let traces: Vec<DMatrix<f64>> = self.blocks.iter().map(|b| solver.remove(&b.columns)).collect();
-        let residual = solver.remove_vector(&self.residual);
-        let mut scores: Vec<Score> = (0..self.blocks.len())
-            .map(|b| self.score(b, &traces, &residual))
-            .collect();
+        let views = self.views();
         let whitened: DVector<f64> = DVector::from_iterator(
             sigma_m.len(),
             discretisation_m.iter().zip(sigma_m).map(|(d, s)| d / s),
         );
-        let numerical = solver.remove_vector(&whitened);
+        let numerical = views[0].solver.remove_vector(&whitened);
         let discretisation_mm = 1e3
             * (numerical
                 .iter()
@@ -136,76 +163,134 @@ impl ScoreProblem {
                 .sum::<f64>()
                 / sigma_m.len() as f64)
                 .sqrt();
-        let threshold = self.threshold(&solver, &traces, &numerical, seed);
+        let thresholds = self.thresholds(&views, &whitened, seed);
+        let solved: Vec<Solved> = (0..self.blocks.len())
+            .map(|b| Solved::of(&self.blocks[b], &views[self.view(b)], b))
+            .collect();
+        let mut scores: Vec<Score> = (0..self.blocks.len())
+            .map(|b| self.score(b, &views, &solved, thresholds[b]))
+            .collect();
         scores.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
         ScoreTable {
             scores,
-            threshold,
             discretisation_mm,
         }
     }
 
-    fn score(&self, index: usize, traces: &[DMatrix<f64>], residual: &DVector<f64>) -> Score {
-        let block = &self.blocks[index];
-        let (statistic, estimate, standard_error) = block.solve(&traces[index], residual);
-        let direction = |b: usize| -> (DVector<f64>, DVector<f64>) {
-            let weights = if b == index && estimate.iter().any(|e| *e != 0.0) {
-                DVector::from_vec(estimate.clone())
-            } else {
-                self.blocks[b].solve(&traces[b], residual).1.into()
-            };
-            let weights = if weights.norm() > 0.0 {
-                weights
-            } else {
-                self.blocks[b].unit()
-            };
-            (&traces[b] * &weights, &self.blocks[b].columns * &weights)
+    /// Which view a block is scored in.
+    fn view(&self, block: usize) -> usize {
+        usize::from(self.blocks[block].without_cameras)
+    }
+
+    fn score(&self, index: usize, views: &[View; 2], solved: &[Solved], threshold: f64) -> Score {
+        let (block, own) = (&self.blocks[index], &solved[index]);
+        // Two effects are compared in the view without cameras where one of them is the cameras'.
+        let cosine = |other: usize| {
+            let view = &views[self.view(index).max(self.view(other))];
+            let (a, b) = (
+                &view.traces[index] * &own.direction,
+                &view.traces[other] * &solved[other].direction,
+            );
+            a.dot(&b) / (a.norm() * b.norm()).max(f64::MIN_POSITIVE)
         };
-        let (mine, raw) = direction(index);
-        let mut nearest: Option<(usize, f64)> = None;
-        for b in (0..self.blocks.len()).filter(|&b| b != index) {
-            let other = direction(b).0;
-            let cosine = mine.dot(&other) / (mine.norm() * other.norm()).max(f64::MIN_POSITIVE);
-            if nearest.is_none_or(|(_, best)| cosine.abs() > best.abs()) {
-                nearest = Some((b, cosine));
-            }
-        }
+        let name = |b: usize| -> String { effects::ALL[self.blocks[b].effect].id.into() };
+        let mut alike: Vec<(usize, f64)> = (0..self.blocks.len())
+            .filter(|&b| b != index)
+            .map(|b| (b, cosine(b)))
+            .collect();
+        alike.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        let mine = &views[self.view(index)].traces[index] * &own.direction;
+        let raw = &block.columns * &own.direction;
         Score {
             effect: block.effect,
-            id: effects::ALL[block.effect].id.into(),
-            statistic,
-            estimate,
-            standard_error,
+            id: name(index),
+            statistic: own.statistic,
+            threshold,
+            estimate: own.estimate.clone(),
+            standard_error: own.standard_error.clone(),
             absorbed_share: 1.0 - mine.norm_squared() / raw.norm_squared().max(f64::MIN_POSITIVE),
-            nearest_rival: nearest.map(|(b, _)| effects::ALL[self.blocks[b].effect].id.into()),
-            rival_cosine: nearest.map_or(0.0, |(_, c)| c),
+            nearest_rival: alike.first().map(|&(b, _)| name(b)),
+            rival_cosine: alike.first().map_or(0.0, |&(_, c)| c),
+            family: alike
+                .iter()
+                .filter(|(_, c)| c.abs() >= FAMILY_COSINE)
+                .map(|&(b, _)| name(b))
+                .collect(),
         }
     }
 
-    /// The largest score over all candidates that noise plus discretisation error reach in 95 % of
-    /// pseudo-data. The sign of the discretisation error is random, because only its shape is known.
-    fn threshold(
-        &self,
-        solver: &Projector,
-        traces: &[DMatrix<f64>],
-        numerical: &DVector<f64>,
-        seed: u64,
-    ) -> f64 {
+    /// Thresholds such that in 95 % of pseudo-data, which hold noise plus discretisation error, no score
+    /// exceeds its own. Each is the effect's own 95 % point times a common factor, so that effects with
+    /// many parameters do not raise the bar for the others (Westfall and Young 1993, balanced
+    /// max-T). The sign of the discretisation error is random, because only its shape is known.
+    fn thresholds(&self, views: &[View; 2], discretisation: &DVector<f64>, seed: u64) -> Vec<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut largest: Vec<f64> = (0..PSEUDO_SETS)
+        let scores: Vec<Vec<f64>> = (0..PSEUDO_SETS)
             .map(|set| {
                 let sign = if set % 2 == 0 { 1.0 } else { -1.0 };
-                let noise = DVector::from_fn(numerical.len(), |_, _| normal(&mut random));
-                let pseudo = numerical * sign + solver.remove_vector(&noise);
-                self.blocks
-                    .iter()
-                    .zip(traces)
-                    .map(|(block, trace)| block.solve(trace, &pseudo).0)
-                    .fold(0.0, f64::max)
+                let noise = DVector::from_fn(discretisation.len(), |_, _| normal(&mut random));
+                let pseudo = discretisation * sign + noise;
+                let seen = views.each_ref().map(|view| view.solver.remove_vector(&pseudo));
+                (0..self.blocks.len())
+                    .map(|b| {
+                        let view = self.view(b);
+                        self.blocks[b].solve(&views[view].traces[b], &seen[view]).0
+                    })
+                    .collect()
             })
             .collect();
-        largest.sort_by(f64::total_cmp);
-        largest[(QUANTILE * PSEUDO_SETS as f64) as usize]
+        let own: Vec<f64> = (0..self.blocks.len())
+            .map(|b| quantile(scores.iter().map(|set| set[b]).collect()))
+            .collect();
+        let largest = scores.iter().map(|set| {
+            let ratios = set
+                .iter()
+                .zip(&own)
+                .filter(|(_, q)| **q > 0.0)
+                .map(|(s, q)| s / q);
+            ratios.fold(0.0, f64::max)
+        });
+        let factor = quantile(largest.collect());
+        own.iter().map(|q| q * factor).collect()
+    }
+}
+
+/// The point that [`QUANTILE`] of the values do not exceed.
+fn quantile(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[(QUANTILE * values.len() as f64) as usize]
+}
+
+/// The problem after what is free has been taken out.
+struct View {
+    solver: Projector,
+    traces: Vec<DMatrix<f64>>,
+    residual: DVector<f64>,
+}
+
+/// The solution of one block alone.
+struct Solved {
+    statistic: f64,
+    estimate: Vec<f64>,
+    standard_error: Vec<f64>,
+    /// The combination of its parameters that the estimate asks for; all alike where it is zero.
+    direction: DVector<f64>,
+}
+
+impl Solved {
+    fn of(block: &Block, view: &View, index: usize) -> Self {
+        let (statistic, estimate, standard_error) = block.solve(&view.traces[index], &view.residual);
+        let direction = if estimate.iter().any(|e| *e != 0.0) {
+            DVector::from_vec(estimate.clone())
+        } else {
+            DVector::from_element(estimate.len(), 1.0)
+        };
+        Self {
+            statistic,
+            estimate,
+            standard_error,
+            direction,
+        }
     }
 }
 
@@ -250,21 +335,17 @@ impl Block {
             }
         }
     }
-
-    fn unit(&self) -> DVector<f64> {
-        DVector::from_element(self.columns.ncols(), 1.0)
-    }
 }
 
 /// Removes from a vector what the always-free columns explain, their priors taken into account.
-struct Projector<'a> {
-    columns: &'a DMatrix<f64>,
+struct Projector {
+    columns: DMatrix<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
 }
 
-impl<'a> Projector<'a> {
-    fn new(columns: &'a DMatrix<f64>, precision: &[f64]) -> Self {
-        let mut hessian = columns.tr_mul(columns);
+impl Projector {
+    fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
+        let mut hessian = columns.tr_mul(&columns);
         for (k, p) in precision.iter().enumerate() {
             hessian[(k, k)] += p;
         }
@@ -277,11 +358,11 @@ impl<'a> Projector<'a> {
     }
 
     fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
-        v - self.columns * self.factor.solve(&self.columns.tr_mul(v))
+        v - &self.columns * self.factor.solve(&self.columns.tr_mul(v))
     }
 
     fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
-        m - self.columns * self.factor.solve(&self.columns.tr_mul(m))
+        m - &self.columns * self.factor.solve(&self.columns.tr_mul(m))
     }
 }
 

@@ -1,13 +1,13 @@
 //! Air drag on a slender body, split into flow across and along the rope (cross-flow principle):
 //! f = −½ ρ_air d (C_n |v_n| v_n + π C_t |v_t| v_t) per length, plus a linear part −m r v.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::{ForceLaw, ForcePoint};
 use crate::sim::tensor::{Vec3, add, dot, mul, scaled, sub, zero3};
 use crate::sim::{Physics, Real};
 
 /// Density of air at 20 °C and sea level, kg/m³.
-const AIR_KG_M3: f64 = 1.204;
+pub(super) const AIR_KG_M3: f64 = 1.204;
 
 /// What the effect is.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -15,6 +15,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "air drag",
     equation: "f = -½ ρ_air d (C_n |v_n| v_n + π C_t |v_t| v_t) per length - m r v",
     source: "Hoerner, Fluid-Dynamic Drag (1965), ch. 3; coefficients as in MoorDyn's sample line",
+    nuisance: false,
+    only_seen: false,
     parameters: &[
         ParameterSpec {
             name: "normal_coefficient",
@@ -23,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             low: 0.0,
             high: 2.5,
             smallest_of_interest: 0.3,
+            slope: Slope::Tangent,
         },
         ParameterSpec {
             name: "tangential_coefficient",
@@ -31,6 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             low: 0.0,
             high: 0.3,
             smallest_of_interest: 0.05,
+            slope: Slope::Tangent,
         },
         ParameterSpec {
             name: "linear_rate_per_s",
@@ -39,6 +43,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             low: 0.0,
             high: 5.0,
             smallest_of_interest: 0.1,
+            slope: Slope::Tangent,
         },
     ],
 };
@@ -63,7 +68,7 @@ impl<T: Real> ForceLaw<T> for AirDrag<T> {
 }
 
 /// |v| v, whose derivative at rest is zero.
-fn quadratic<T: Real>(v: Vec3<T>) -> Vec3<T> {
+pub(super) fn quadratic<T: Real>(v: Vec3<T>) -> Vec3<T> {
     let square = dot(v, v);
     if square.value() <= f64::MIN_POSITIVE {
         return zero3();

@@ -2,7 +2,7 @@
 //! y(t) = ∫ p(t − T u) e^(−u) du. The integral is taken by Gauss-Laguerre quadrature, which is
 //! smooth in T down to zero, where solving the differential equation step by step has no slope.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::{PathLaw, Pose};
 use crate::sim::{Physics, Real};
 
@@ -12,6 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "gripper lag",
     equation: "T y' = p(t) - y",
     source: "first-order servo lag; Gauss-Laguerre nodes from Abramowitz and Stegun, table 25.9",
+    nuisance: false,
+    only_seen: false,
     parameters: &[ParameterSpec {
         name: "lag_s",
         unit: "s",
@@ -19,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: 0.0,
         high: 0.3,
         smallest_of_interest: 0.005,
+        slope: Slope::Tangent,
     }],
 };
 

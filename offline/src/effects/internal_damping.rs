@@ -1,21 +1,31 @@
-//! Kelvin-Voigt damping: the rate of strain adds a stress with the elastic moduli times a
-//! retardation time, τ = J t (2 μ D + λ tr(D) I), D the symmetric velocity gradient.
+//! Internal damping: a spring and a dashpot in series (Maxwell) beside the elastic solid, with the solid's
+//! elastic constants: S = τ (2 μ E' + λ tr(E') I), where E' follows the rate of the Green strain with
+//! the delay τ/g. To motions that are slow against the delay it is Kelvin-Voigt damping with the
+//! retardation time τ.
 //!
-//! The stress is explicit, so the step is bounded by ρ dx²/(6 t (λ + 2μ)): long retardation times
-//! are slow to simulate, but never unstable.
+//! Pure Kelvin-Voigt damping is the limit g → ∞. Its modulus grows with frequency without a bound, so
+//! waves as short as a grid cell, which no camera sees, force explicit steps of ρ dx²/(6 τ (λ + 2μ)):
+//! a hundredth of the elastic step at τ = 1 ms and 1 MPa. Real rubbers are bounded too (standard linear solid).
+//! With g = 9 the step is at worst √10 times shorter, and a rope that sways at ω = 20 rad/s with
+//! τ = 20 ms, the highest value, feels 99.8 % of the dissipation and is 2 % stiffer.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::elastic::Lame;
-use crate::sim::physics::{StressLaw, StressPoint};
+use crate::sim::physics::MemoryLaw;
 use crate::sim::tensor::Mat3;
 use crate::sim::{Physics, Real};
+
+/// g: modulus of the Maxwell element against the elastic one.
+const QUICK_MODULUS: f64 = 9.0;
 
 /// What the effect is.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "internal_damping",
     title: "internal damping",
-    equation: "τ = J t (2 μ D + λ tr(D) I)",
-    source: "Kelvin-Voigt solid; Landau and Lifshitz, Theory of Elasticity, §34",
+    equation: "S = τ (2 μ E' + λ tr(E') I), (τ/g) dE'/dt = dE/dt - E'",
+    source: "standard linear solid; Simo and Hughes, Computational Inelasticity (1998), 10.2; Kelvin-Voigt where slow",
+    nuisance: false,
+    only_seen: false,
     parameters: &[ParameterSpec {
         name: "retardation_time_s",
         unit: "s",
@@ -23,35 +33,50 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: 0.0,
         high: 0.02,
         smallest_of_interest: 0.0005,
+        slope: Slope::Tangent,
     }],
 };
 
-struct KelvinVoigt<T> {
+struct Maxwell<T> {
     retardation_time_s: T,
 }
 
-impl<T: Real> StressLaw<T> for KelvinVoigt<T> {
-    fn kirchhoff_pa(&self, point: &StressPoint<T>) -> Mat3<T> {
-        let c = point.velocity_gradient;
-        let scale = self.retardation_time_s * point.volume_ratio;
-        let shear = scale * point.lame.mu;
-        let volume = scale * point.lame.lambda * (c[0][0] + c[1][1] + c[2][2]);
-        std::array::from_fn(|a| {
-            std::array::from_fn(|b| {
-                let rate = shear * (c[a][b] + c[b][a]);
-                if a == b { rate + volume } else { rate }
-            })
-        })
+impl<T: Real> MemoryLaw<T> for Maxwell<T> {
+    /// Backward Euler, stable for any delay; without a delay the memory is the rate itself.
+    fn remember(&self, memory: &mut Mat3<T>, strain_rate: &Mat3<T>, dt_s: f64) {
+        let delay_s = self.retardation_time_s.scale(1.0 / QUICK_MODULUS);
+        let inverse = T::one() / (delay_s + T::of(dt_s));
+        let (keep, take) = (delay_s * inverse, inverse.scale(dt_s));
+        for a in 0..3 {
+            for b in 0..3 {
+                memory[a][b] = keep * memory[a][b] + take * strain_rate[a][b];
+            }
+        }
+    }
+
+    fn second_piola_pa(&self, memory: &Mat3<T>, lame: &Lame<T>) -> Mat3<T> {
+        let shear = (self.retardation_time_s * lame.mu).scale(2.0);
+        let trace = memory[0][0] + memory[1][1] + memory[2][2];
+        let volume = self.retardation_time_s * lame.lambda * trace;
+        let mut stress = memory.map(|row| row.map(|x| shear * x));
+        for k in 0..3 {
+            stress[k][k] += volume;
+        }
+        stress
     }
 
     fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64 {
         (self.retardation_time_s * lame.p_wave_modulus()).value()
     }
+
+    fn modulus_pa(&self, lame: &Lame<T>) -> f64 {
+        QUICK_MODULUS * lame.p_wave_modulus().value()
+    }
 }
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    physics.stress_laws.push(Box::new(KelvinVoigt {
+    physics.memory_laws.push(Box::new(Maxwell {
         retardation_time_s: values[0],
     }));
 }

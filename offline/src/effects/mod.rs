@@ -2,21 +2,56 @@
 //!
 //! # Adding an effect
 //!
-//! 1. Write `effects/<name>.rs` with `pub const SPEC: EffectSpec` (equation, source, parameters with
-//!    unit, range and the value at which the effect vanishes) and
-//!    `pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>)`, which appends the effect's
-//!    law to the list where it enters (force, stress, mass, clamp path) or changes a coefficient.
-//! 2. Add `<name>` to the line `registry!` below.
+//! One file and one word. Say that dust makes the rope heavier by a share of its own mass:
+//!
+//! 1. Write `effects/dust.rs`. It holds `pub const SPEC: EffectSpec` with equation, source, and
+//!    parameters with unit, range, the value at which the effect vanishes and the smallest size of
+//!    interest, and
+//!    ```ignore
+//!    pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
+//!        physics.mass_laws.push(Box::new(Dust { share: values[0] }));
+//!    }
+//!    ```
+//!    with a law that is generic over the number type, so that its tangents come by themselves.
+//! 2. Add `dust` to `registry!` below, and its `mod` line.
 //!
 //! Nothing else knows effects by name: simulator, fit, diagnosis and report read the registry. The
-//! laws that every effect must obey are tested over the registry in `tests/tests/effects.rs`.
+//! kinds of laws, each a list of [`Physics`] and a trait in [`crate::sim::physics`], are
+//!
+//! | an effect that changes | appends to | gives |
+//! |---|---|---|
+//! | a force on the rope | `force_laws` | N per particle, from place, velocity, tangent |
+//! | the stress by strain and its rate | `stress_laws` | Kirchhoff stress, and its energy where there is one |
+//! | the stress by the history of strain | `memory_laws` | a tensor per particle that it moves on by itself |
+//! | the shape at rest | `shape_laws` | natural curvature along the rope |
+//! | the shape for good | `flow_laws` | the factor that brings the elastic strain back |
+//! | the bending stiffness | `bending_laws` | a factor per slice |
+//! | the mass | `mass_laws` | masses of the particles |
+//! | where a grip is | `path_laws` | real pose minus recorded pose |
+//! | what is seen | `observation_laws` | shift of the clock, displacement of a point |
+//! | a coefficient | none: it changes gravity, friction or the release delay in place | |
+//!
+//! Where the slope at the vanishing value is none or useless, the parameter says so ([`Slope`]), and fit
+//! and score take a secant of the smallest size of interest. The laws that every effect must obey
+//! are tested over the registry in `tests/tests/effects.rs` without a change there; each effect
+//! is also checked against an exact result in `tests/tests/effect_physics.rs`.
 
 mod air_drag;
+mod bending_ratio;
+mod camera_offset;
+mod clamp_compliance;
+mod clock_offset;
+mod density_gradient;
 mod gripper_lag;
 mod internal_damping;
+mod release_delay;
+mod rest_curvature;
+mod steady_wind;
+mod strain_stiffening;
 mod table_friction;
 mod tilted_gravity;
 mod tip_mass;
+mod yield_strain;
 
 use crate::sim::{Physics, Real};
 
@@ -35,6 +70,20 @@ pub struct ParameterSpec {
     pub high: f64,
     /// Smallest change of interest: the step of a secant, and the scale of a fit.
     pub smallest_of_interest: f64,
+    /// How the rope's change with the parameter is found.
+    pub slope: Slope,
+}
+
+/// How the derivative with respect to a parameter is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slope {
+    /// From tangents, everywhere.
+    Tangent,
+    /// From a secant of the smallest size of interest where the parameter is nearer to its vanishing
+    /// value than that, because the slope there is none or not of interest; elsewhere from tangents.
+    SecantNearZero,
+    /// From a secant everywhere: the parameter acts in jumps.
+    Secant,
 }
 
 impl ParameterSpec {
@@ -55,6 +104,11 @@ pub struct EffectSpec {
     pub equation: &'static str,
     /// Where the equation comes from.
     pub source: &'static str,
+    /// Whether what it does is free in every other effect's score, as an unknown that no effect shall
+    /// be blamed for; its own score then leaves that freedom out.
+    pub nuisance: bool,
+    /// Whether it leaves the rope alone and only changes what cameras report.
+    pub only_seen: bool,
     /// Parameters.
     pub parameters: &'static [ParameterSpec],
 }
@@ -82,7 +136,17 @@ registry!(
     table_friction,
     tilted_gravity,
     tip_mass,
-    gripper_lag
+    density_gradient,
+    rest_curvature,
+    bending_ratio,
+    strain_stiffening,
+    yield_strain,
+    steady_wind,
+    gripper_lag,
+    clock_offset,
+    release_delay,
+    camera_offset,
+    clamp_compliance
 );
 
 /// Index of the effect with name `id`.

@@ -1,6 +1,6 @@
 //! Friction with the table other than declared: the Coulomb coefficient becomes μ + Δμ.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -9,6 +9,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "table friction",
     equation: "|f_t| ≤ (μ + Δμ) f_n",
     source: "Coulomb's law; the declared μ stands in demo.toml",
+    nuisance: false,
+    only_seen: false,
     parameters: &[ParameterSpec {
         name: "coefficient_change",
         unit: "1",
@@ -16,6 +18,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: -0.5,
         high: 1.0,
         smallest_of_interest: 0.1,
+        slope: Slope::Tangent,
     }],
 };
 

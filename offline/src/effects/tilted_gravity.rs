@@ -1,7 +1,7 @@
 //! A frame that is not level: gravity turned by an angle about y (it then has an x component) and
 //! by an angle about x (a y component).
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::tensor::dot;
 use crate::sim::{Physics, Real};
 
@@ -11,6 +11,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "tilted gravity",
     equation: "g = |g| (sin a cos b, sin b, -cos a cos b)",
     source: "rotation of the gravity vector in the world frame",
+    nuisance: false,
+    only_seen: false,
     parameters: &[
         ParameterSpec {
             name: "toward_x_rad",
@@ -19,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             low: -0.3,
             high: 0.3,
             smallest_of_interest: 0.01,
+            slope: Slope::Tangent,
         },
         ParameterSpec {
             name: "toward_y_rad",
@@ -27,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             low: -0.3,
             high: 0.3,
             smallest_of_interest: 0.01,
+            slope: Slope::Tangent,
         },
     ],
 };

@@ -1,7 +1,7 @@
 //! A mass at the free end (s = length): a knot, tape, a ferrule. It sits in the
 //! last slice of the rope; it has weight and inertia but no size and no stiffness.
 
-use super::{EffectSpec, ParameterSpec};
+use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::MassLaw;
 use crate::sim::rope::RopeLayout;
 use crate::sim::{Physics, Real};
@@ -12,6 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     title: "tip mass",
     equation: "m(s) = ρ A + m_tip δ(s - L)",
     source: "point mass at the end, in the last slice",
+    nuisance: false,
+    only_seen: false,
     parameters: &[ParameterSpec {
         name: "mass_kg",
         unit: "kg",
@@ -19,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: 0.0,
         high: 0.2,
         smallest_of_interest: 0.001,
+        slope: Slope::Tangent,
     }],
 };
 

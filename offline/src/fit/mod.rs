@@ -2,6 +2,7 @@
 //! simulator's own tangents, from several starts, with standard errors.
 
 mod problem;
+mod sensitivity;
 mod solver;
 mod uncertainty;
 

@@ -3,9 +3,8 @@
 use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, measure};
-use crate::sim::dual::Dual;
 use crate::sim::tensor::value3;
-use crate::sim::{Laned, Real, Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -36,9 +35,6 @@ pub enum FitError {
         /// Number needed.
         needed: usize,
     },
-    /// More parameters than a pass carries.
-    #[error("{0} parameters at once are too many, at most {MAX_TANGENTS} are supported")]
-    TooManyParameters(usize),
 }
 
 /// Grid resolution of a simulation.
@@ -91,11 +87,6 @@ pub struct Evaluation {
     pub jacobian: DMatrix<f64>,
 }
 
-/// What was measured of one demonstration against the prediction, and the prediction.
-type Measured<T> = (Vec<Row>, Rollout<T>);
-
-/// Most tangents of one pass.
-pub const MAX_TANGENTS: usize = 12;
 /// Fewest rows of a demonstration worth fitting.
 const MIN_ROWS: usize = 20;
 
@@ -123,54 +114,42 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn residuals(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
-        let parts: Vec<_> = self.run(structure, &theta32)?;
+        let rollouts = self.predict(structure, theta)?;
+        let rows = (0..self.demos.len())
+            .into_par_iter()
+            .map(|d| {
+                let points = |frame: &Vec<[f32; 3]>| frame.iter().map(|&p| value3(p)).collect();
+                let frames: Vec<Vec<[f64; 3]>> = rollouts[d].frames.iter().map(points).collect();
+                self.rows_of(d, &rollouts[d].arc_m, &frames)
+            })
+            .collect::<Result<_, _>>()?;
         Ok(Evaluation {
             theta: theta.to_vec(),
-            rows: parts.into_iter().map(|(rows, _)| rows).collect(),
+            rows,
             jacobian: DMatrix::zeros(0, 0),
         })
     }
 
-    /// Residuals and Jacobian from one pass with as many tangents as θ has entries.
+    /// Residuals and Jacobian.
     ///
     /// # Errors
-    /// A simulation stopped, too little was measured, or θ is too long.
+    /// A simulation stopped, or too little was measured.
     pub fn evaluate(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        match theta.len() {
-            0..=2 => self.evaluate_with::<2>(structure, theta),
-            3 => self.evaluate_with::<3>(structure, theta),
-            4 => self.evaluate_with::<4>(structure, theta),
-            5..=8 => self.evaluate_with::<8>(structure, theta),
-            9..=MAX_TANGENTS => self.evaluate_with::<MAX_TANGENTS>(structure, theta),
-            n => Err(FitError::TooManyParameters(n)),
-        }
-    }
-
-    fn evaluate_with<const N: usize>(
-        &self,
-        structure: &Structure,
-        theta: &[f64],
-    ) -> Result<Evaluation, FitError> {
-        let dual: Vec<Dual<f32, N>> = theta
-            .iter()
-            .enumerate()
-            .map(|(k, &value)| Dual::input(value, k))
-            .collect();
-        let parts = self.run(structure, &dual)?;
-        let total: usize = parts.iter().map(|(rows, _)| rows.len()).sum();
-        let mut jacobian = DMatrix::zeros(total, theta.len());
+        let traces = self.traces(structure, theta)?;
+        let rows: Vec<Vec<Row>> = (0..self.demos.len())
+            .into_par_iter()
+            .map(|d| self.rows_of(d, &traces[d].arc_m, &traces[d].frames))
+            .collect::<Result<_, _>>()?;
+        let mut jacobian = DMatrix::zeros(rows.iter().map(Vec::len).sum(), theta.len());
         let mut row_index = 0;
-        for (rows, rollout) in &parts {
+        for (rows, trace) in rows.iter().zip(&traces) {
             for row in rows {
-                let (low, share) = bracket(&rollout.arc_m, row.arc_m);
-                let frame = &rollout.frames[row.frame];
+                let (low, share) = bracket(&trace.arc_m, row.arc_m);
                 for k in 0..theta.len() {
+                    let slope = &trace.slopes[k][row.frame];
                     jacobian[(row_index, k)] = (0..3)
                         .map(|c| {
-                            let a = f64::from(frame[low][c].tangent[k]);
-                            let b = f64::from(frame[low + 1][c].tangent[k]);
-                            row.direction[c] * (a * (1.0 - share) + b * share)
+                            row.direction[c] * (slope[low][c] * (1.0 - share) + slope[low + 1][c] * share)
                         })
                         .sum();
                 }
@@ -179,42 +158,34 @@ impl<'a> Problem<'a> {
         }
         Ok(Evaluation {
             theta: theta.to_vec(),
-            rows: parts.into_iter().map(|(rows, _)| rows).collect(),
+            rows,
             jacobian,
         })
     }
 
-    /// Simulates every demonstration and measures it against the prediction.
-    fn run<T: Laned>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
-        (0..self.demos.len())
-            .into_par_iter()
-            .map(|d| {
-                let (demo, scene) = (self.demos[d], &self.scenes[d]);
-                let physics = structure.physics(theta, demo.spec.friction());
-                let rollout = simulate(scene, &physics).map_err(|error| simulation(demo, error))?;
-                let rows = self.rows_of(demo, &rollout);
-                if rows.len() < MIN_ROWS {
-                    return Err(FitError::TooFewRows {
-                        demo: demo.name.clone(),
-                        rows: rows.len(),
-                        needed: MIN_ROWS,
-                    });
-                }
-                Ok((rows, rollout))
-            })
-            .collect()
+    /// Simulates one demonstration.
+    pub(super) fn rollout<T: Laned>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Rollout<T>, FitError> {
+        let spec = &self.demos[demo].spec;
+        let physics = structure.physics(theta, spec.friction());
+        simulate(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
     }
 
-    fn rows_of<T: Real>(&self, demo: &Demo, rollout: &Rollout<T>) -> Vec<Row> {
+    /// Measures one demonstration against a prediction.
+    fn rows_of(&self, demo: usize, arc_m: &[f64], frames: &[Vec<[f64; 3]>]) -> Result<Vec<Row>, FitError> {
+        let demo = self.demos[demo];
         let mut rows = Vec::new();
-        for (frame, points) in rollout.frames.iter().enumerate() {
-            if !self.frames.contains(frame, rollout.frames.len()) {
+        for (frame, points_m) in frames.iter().enumerate() {
+            if !self.frames.contains(frame, frames.len()) {
                 continue;
             }
-            let points_m: Vec<[f64; 3]> = points.iter().map(|&p| value3(p)).collect();
             let line = Centreline {
-                arc_m: &rollout.arc_m,
-                points_m: &points_m,
+                arc_m,
+                points_m,
                 length_m: demo.spec.rope.length_m,
             };
             rows.extend(
@@ -226,7 +197,14 @@ impl<'a> Problem<'a> {
                     }),
             );
         }
-        rows
+        if rows.len() < MIN_ROWS {
+            return Err(FitError::TooFewRows {
+                demo: demo.name.clone(),
+                rows: rows.len(),
+                needed: MIN_ROWS,
+            });
+        }
+        Ok(rows)
     }
 
     /// Centrelines of the demonstrations at θ, m: per demonstration, frame and slice.
@@ -237,11 +215,7 @@ impl<'a> Problem<'a> {
         let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
         (0..self.demos.len())
             .into_par_iter()
-            .map(|d| {
-                let demo = self.demos[d];
-                let physics = structure.physics(&theta32, demo.spec.friction());
-                simulate(&self.scenes[d], &physics).map_err(|error| simulation(demo, error))
-            })
+            .map(|d| self.rollout(d, structure, &theta32))
             .collect()
     }
 }

@@ -60,7 +60,6 @@ fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
 }
 
 fn ranking(round: &Round) -> Markup {
-    let threshold = round.table.threshold;
     html! {
         div.scroll { table {
             tr {
@@ -70,8 +69,8 @@ fn ranking(round: &Round) -> Markup {
             @for score in &round.table.scores {
                 tr.best[is_accepted(round, &score.id)] {
                     td { (effect_title(&score.id)) }
-                    td.n { @if score.statistic > threshold { b { (tidy(score.statistic)) } } @else { (tidy(score.statistic)) } }
-                    td.n { (tidy(threshold)) }
+                    td.n { @if score.significant() { b { (tidy(score.statistic)) } } @else { (tidy(score.statistic)) } }
+                    td.n { (tidy(score.threshold)) }
                     td { (one_step(score)) }
                     td.n { (format!("{:.0} %", 100.0 * score.absorbed_share)) }
                     td { @match &score.nearest_rival {
@@ -124,7 +123,7 @@ fn brief(round: &Round, score: &Score) -> Markup {
             _ if is_accepted(round, &score.id) => span.yes.nowrap { "accepted" },
             Some(refit) if refit.passed => span.nowrap { "passed, second" },
             Some(_) => span.no.nowrap { "refit failed" },
-            None if score.statistic > round.table.threshold => "not refitted",
+            None if score.significant() => "not refitted",
             None => span.quiet.nowrap { "below threshold" },
         }
     }
@@ -132,7 +131,6 @@ fn brief(round: &Round, score: &Score) -> Markup {
 
 /// Why an effect was not accepted.
 pub(super) fn reason(round: &Round, score: &Score) -> String {
-    let threshold = round.table.threshold;
     match refit(round, &score.id) {
         Some(refit) if refit.passed => {
             "it passes every gate, so it is not ruled out: the accepted effect only predicts the held-out data better"
@@ -143,14 +141,14 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
             let failed: Vec<String> = failed.map(|g| format!("{} ({})", g.name, g.detail)).collect();
             format!("refitted, fails at: {}", failed.join("; "))
         }
-        None if score.statistic > threshold => format!(
+        None if score.significant() => format!(
             "not ruled out: its score {} is above the threshold, but others were refitted first or the refit stopped",
             tidy(score.statistic)
         ),
         None => format!(
             "score {}, below the {} that data without any effect reach",
             tidy(score.statistic),
-            tidy(threshold)
+            tidy(score.threshold)
         ),
     }
 }

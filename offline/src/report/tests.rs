@@ -99,11 +99,13 @@ fn score(id: &str, statistic: f64) -> Score {
         effect,
         id: id.to_owned(),
         statistic,
+        threshold: 50.0,
         estimate: vec![0.5; count],
         standard_error: vec![0.1; count],
         absorbed_share: 0.25,
         nearest_rival: Some("air_drag".to_owned()),
         rival_cosine: -0.5,
+        family: Vec::new(),
     }
 }
 
@@ -124,7 +126,6 @@ fn round() -> Round {
                 score("air_drag", 100.0),
                 score("gripper_lag", 3.0),
             ],
-            threshold: 50.0,
             discretisation_mm: 0.4,
         },
         refits: vec![Refit {

@@ -171,6 +171,7 @@ impl<const N: usize> LossSum<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::real::Arithmetic;
 
     const GRID: DensityGrid = DensityGrid {
         corner_m: [-0.1, -0.2, 0.05],
@@ -218,7 +219,7 @@ mod tests {
     fn a_cloud_has_no_loss_against_itself() {
         let points = cloud(50, 0.1);
         let mut sum = LossSum::<1>::new(GRID);
-        let simulated: Vec<_> = points.iter().map(|p| p.map(|c| Dual::of(c))).collect();
+        let simulated: Vec<_> = points.iter().map(|p| p.map(Dual::of)).collect();
         sum.add(&simulated, &GRID.density(&points));
         // Single precision on one side: 1e-6 of the weighted mass.
         assert!(sum.total().value < 1e-5 * LOSS_WEIGHT * TOTAL_MASS);

@@ -109,6 +109,7 @@ impl Descent {
 mod tests {
     use super::super::scene::{Discretisation, FRICTION, demonstration};
     use super::*;
+    use crate::sim::real::Arithmetic;
 
     /// The scene's first tenth, on the coarsest grid, to save time.
     fn short() -> Scene {
@@ -139,7 +140,7 @@ mod tests {
             let measured = &descent.measured;
             let mut sum = LossSum::<2>::new(descent.grid);
             for (frame, density) in clouds(&scene, p).iter().zip(measured) {
-                let points: Vec<_> = frame.iter().map(|p| p.map(|c| Dual::of(c))).collect();
+                let points: Vec<_> = frame.iter().map(|p| p.map(Dual::of)).collect();
                 sum.add(&points, density);
             }
             sum.total().value

@@ -23,6 +23,11 @@ impl<T: Arithmetic> Lame<T> {
         }
     }
 
+    /// Young's modulus μ (3λ + 2μ)/(λ + μ), Pa.
+    pub fn young_pa(&self) -> T {
+        self.mu * (self.lambda.scale(3.0) + self.mu.scale(2.0)) / (self.lambda + self.mu)
+    }
+
     /// P-wave modulus λ + 2μ, Pa.
     pub fn p_wave_modulus(&self) -> T {
         self.lambda + self.mu.scale(2.0)
@@ -106,9 +111,16 @@ impl<T: Arithmetic> StressDifferential<T> {
     #[inline(always)]
     pub fn new(strained: &Strained<T>, lame: &Lame<T>) -> Self {
         let (r, f) = (&strained.rotation, &strained.f);
-        let s =
-            |a: usize, b: usize| r[2][a].times_plus(f[2][b], r[1][a].times_plus(f[1][b], r[0][a] * f[0][b]));
-        let (xx, yy, zz, xy, xz, yz) = (s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(0, 2), s(1, 2));
+        let (xx, yy, zz) = (
+            columns_dot(r, 0, f, 0),
+            columns_dot(r, 1, f, 1),
+            columns_dot(r, 2, f, 2),
+        );
+        let (xy, xz, yz) = (
+            columns_dot(r, 0, f, 1),
+            columns_dot(r, 0, f, 2),
+            columns_dot(r, 1, f, 2),
+        );
         let system = [[yy + zz, -xy, -xz], [-xy, xx + zz, -yz], [-xz, -yz, xx + yy]];
         let inverse = transpose_inverse(&system);
         let factor = -(lame.mu + lame.mu);
@@ -116,8 +128,12 @@ impl<T: Arithmetic> StressDifferential<T> {
         Self {
             strained: *strained,
             lame: *lame,
-            spin: inverse.map(|row| mul(row, factor)),
-            pressed: f.map(|row| mul(row, pressure)),
+            spin: [
+                mul(inverse[0], factor),
+                mul(inverse[1], factor),
+                mul(inverse[2], factor),
+            ],
+            pressed: [mul(f[0], pressure), mul(f[1], pressure), mul(f[2], pressure)],
         }
     }
 
@@ -131,18 +147,17 @@ impl<T: Arithmetic> StressDifferential<T> {
             &self.strained.f,
             &self.strained.cofactors,
         );
-        let difference = |p: usize, q: usize| -> T {
-            let mut sum = r[0][p] * df[0][q];
-            for a in 1..3 {
-                sum = r[a][p].times_plus(df[a][q], sum);
-            }
-            for a in 0..3 {
-                sum = (-r[a][q]).times_plus(df[a][p], sum);
-            }
-            sum
-        };
-        let axial = [difference(2, 1), difference(0, 2), difference(1, 0)];
-        let w = self.spin.map(|row| fused_dot(row, axial));
+        let axial = [
+            columns_dot(r, 2, df, 1) - columns_dot(r, 1, df, 2),
+            columns_dot(r, 0, df, 2) - columns_dot(r, 2, df, 0),
+            columns_dot(r, 1, df, 0) - columns_dot(r, 0, df, 1),
+        ];
+        let spin = &self.spin;
+        let w = [
+            fused_dot(spin[0], axial),
+            fused_dot(spin[1], axial),
+            fused_dot(spin[2], axial),
+        ];
         let two_mu = self.lame.mu + self.lame.mu;
         let two_dmu = dlame.mu + dlame.mu;
         let dj = fused_dot(c[0], df[0]) + fused_dot(c[1], df[1]) + fused_dot(c[2], df[2]);
@@ -169,8 +184,17 @@ impl<T: Arithmetic> StressDifferential<T> {
     }
 }
 
+// What runs in registers has no closures: one that is not inlined would be compiled without them.
+
+/// Column p of A times column q of B.
 #[inline(always)]
-fn fused_dot<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> T {
+fn columns_dot<T: Arithmetic>(a: &Mat3<T>, p: usize, b: &Mat3<T>, q: usize) -> T {
+    a[2][p].times_plus(b[2][q], a[1][p].times_plus(b[1][q], a[0][p] * b[0][q]))
+}
+
+/// a · b.
+#[inline(always)]
+pub fn fused_dot<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> T {
     a[2].times_plus(b[2], a[1].times_plus(b[1], a[0] * b[0]))
 }
 

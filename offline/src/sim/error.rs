@@ -68,6 +68,9 @@ pub enum Cause {
         /// Particles.
         particles: usize,
     },
+    /// Reverse mode does not know a law.
+    #[error("a law changes the material or what is seen, which reverse mode cannot undo: use tangents")]
+    OneWay,
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]
     BadParameter {

@@ -1,20 +1,16 @@
 //! The laws of a physics applied to a block of particles. A law knows one particle, so its lanes are
 //! taken out of their registers here and put back.
 
+use super::blocks::{Blocks, Body, Extra};
 use super::lanes::{Instructions, Laned, Lanes, MOST_LANES};
 use super::physics::{ForcePoint, StressPoint};
-use super::real::{Arithmetic, Real};
+use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::StepContext;
-use super::sweep::Body;
 use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, transpose_inverse, zero3};
 
-/// What the laws give to the members of a block.
-pub struct LawForces<T: Laned, I: Instructions> {
-    /// Channel, member: force times time step, N s.
-    pub impulses: Vec<Vec3<T::Plain<I>>>,
-    /// Channel, member: first Piola-Kirchhoff stress, Pa.
-    pub stresses: Vec<Mat3<T::Plain<I>>>,
+/// What evaluating the laws needs besides the particles.
+pub struct Laws {
     members: usize,
     spacing_m: f64,
     /// Length of rope of a particle of each slice, m.
@@ -28,17 +24,14 @@ struct Unpacked<B> {
 
 const NUMBERS: usize = 25;
 
-impl<T: Laned, I: Instructions> LawForces<T, I> {
-    /// Space for the results, or nothing where there is no law.
-    pub fn new(context: &StepContext<T>, layout: &RopeLayout, spacing_m: f64) -> Option<Self> {
+impl Laws {
+    /// For a layout, or nothing where there is no law.
+    pub fn new<T: Real>(context: &StepContext<T>, layout: &RopeLayout, spacing_m: f64) -> Option<Self> {
         if context.physics.force_laws.is_empty() && context.physics.stress_laws.is_empty() {
             return None;
         }
         let members = layout.section_m.len();
-        let zero = T::Plain::<I>::zero();
         Some(Self {
-            impulses: vec![[zero; 3]; T::CHANNELS * members],
-            stresses: vec![[[zero; 3]; 3]; T::CHANNELS * members],
             members,
             spacing_m,
             lengths_m: layout
@@ -49,21 +42,30 @@ impl<T: Laned, I: Instructions> LawForces<T, I> {
         })
     }
 
-    /// Evaluates the laws for the particles of a block. `bodies` and `rates` (dx Ḟ) are ordered by
-    /// channel, then member.
-    pub fn evaluate(
-        &mut self,
+    /// Space for what the laws give.
+    pub fn space<L: Lanes>(&self, channels: usize) -> Extra<L> {
+        Extra {
+            impulses: vec![zero3(); channels * self.members],
+            stresses: vec![[zero3(); 3]; channels * self.members],
+        }
+    }
+
+    /// Evaluates the laws for the particles of the block that was moved last, in its first `lanes` lanes.
+    pub fn evaluate<T: Laned, I: Instructions>(
+        &self,
         context: &StepContext<T>,
         block: usize,
         lanes: usize,
-        bodies: &[Body<T::Plain<I>>],
-        rates: &[Mat3<T::Plain<I>>],
+        blocks: &mut Blocks<T::Plain<I>>,
     ) {
         let mut impulses = [zero3(); MOST_LANES];
         let mut stresses = [[zero3(); 3]; MOST_LANES];
+        let first_body = block * T::CHANNELS * self.members;
+        let bodies = &blocks.bodies[first_body..first_body + T::CHANNELS * self.members];
+        let Some(extra) = &mut blocks.extra else { return };
         let first = block * <T::Plain<I> as Lanes>::COUNT;
         for member in 0..self.members {
-            let unpacked = Unpacked::<T::Base>::new::<T, I>(member, self.members, bodies, rates);
+            let unpacked = Unpacked::<T::Base>::new::<T, I>(member, self.members, bodies, &blocks.rates);
             for lane in 0..lanes {
                 let length_m = self.lengths_m[first + lane];
                 impulses[lane] = unpacked.impulse(context, lane, length_m);
@@ -72,12 +74,10 @@ impl<T: Laned, I: Instructions> LawForces<T, I> {
             for k in 0..T::CHANNELS {
                 let at = k * self.members + member;
                 for a in 0..3 {
-                    let pack = |number: &dyn Fn(usize) -> T| {
-                        T::Plain::<I>::from_lanes(|lane| number(lane).channel(k))
-                    };
-                    self.impulses[at][a] = pack(&|lane| impulses[lane][a]);
+                    extra.impulses[at][a] = T::Plain::<I>::from_lanes(|lane| impulses[lane][a].channel(k));
                     for b in 0..3 {
-                        self.stresses[at][a][b] = pack(&|lane| stresses[lane][a][b]);
+                        extra.stresses[at][a][b] =
+                            T::Plain::<I>::from_lanes(|lane| stresses[lane][a][b].channel(k));
                     }
                 }
             }

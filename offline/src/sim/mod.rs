@@ -20,6 +20,7 @@
 //! bits for every thread count, because one rollout runs on one thread.
 
 pub mod adjoint;
+mod blocks;
 pub mod clamp;
 pub mod dual;
 pub mod elastic;
@@ -28,6 +29,7 @@ pub mod grid;
 pub mod kernel;
 pub mod lanes;
 mod laws;
+pub mod material;
 mod nodes;
 pub mod physics;
 pub mod real;

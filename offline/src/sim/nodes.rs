@@ -1,5 +1,6 @@
 //! The nodes of a rope as planes across it, one channel after the other, and their update.
 
+use super::blocks::Blocks;
 use super::lanes::{Channels, Instructions, Laned, Lanes};
 use super::real::Arithmetic;
 use super::step::{clamp_node, table_contact};
@@ -58,7 +59,27 @@ impl<B: Arithmetic> Rows<B> {
         row: usize,
         node: usize,
     ) -> T::Wide<I> {
-        T::Wide::<I>::from_channels(|k| T::Plain::<I>::load(&self.values[self.at(k, plane, row, node)..]))
+        let mut value = T::Wide::<I>::zero();
+        for k in 0..T::CHANNELS {
+            let from = &self.values[self.at(k, plane, row, node)..];
+            value.set_channel(k, T::Plain::<I>::load(from));
+        }
+        value
+    }
+
+    /// Three rows: a vector.
+    #[inline(always)]
+    pub fn read_vector<T: Laned<Base = B>, I: Instructions>(
+        &self,
+        plane: usize,
+        first: usize,
+        node: usize,
+    ) -> Vec3<T::Wide<I>> {
+        [
+            self.read::<T, I>(plane, first, node),
+            self.read::<T, I>(plane, first + 1, node),
+            self.read::<T, I>(plane, first + 2, node),
+        ]
     }
 
     /// Writes them.
@@ -76,6 +97,10 @@ impl<B: Arithmetic> Rows<B> {
         }
     }
 
+    fn clear(&mut self) {
+        self.values.fill(B::zero());
+    }
+
     fn clear_plane(&mut self, channels: usize, plane: usize) {
         for k in 0..channels {
             let at = self.at(k, plane, 0, 0);
@@ -84,40 +109,18 @@ impl<B: Arithmetic> Rows<B> {
     }
 }
 
-/// The nodes of a rope.
-pub struct Nodes<T: Laned> {
-    /// Momentum, kg m/s, summed up in a sweep.
-    pub momentum: Rows<T::Base>,
-    /// Velocity after the last update, m/s.
-    pub velocity: Rows<T::Base>,
-    /// Stiffness of the table as a mass, kg, and that times the velocity it asks for.
-    pub contact: Rows<T::Base>,
-    /// Stiffness of the clamps as a mass, kg, and that times the velocity they ask for.
-    pub clamps: Rows<T::Base>,
-    /// Whether the table or a clamp acts on a plane in this step.
-    pub constrained: Vec<bool>,
-    /// Mass, kg.
-    pub mass: Rows<T::Base>,
-    /// One over the mass, 1/kg; zero where no particle is near.
-    pub inverse_mass: Rows<T::Base>,
+/// Masses of the nodes, kg, and one over them, zero where there is no mass.
+pub struct NodeMasses<T: Laned> {
+    pub(super) mass: Rows<T::Base>,
+    pub(super) inverse: Rows<T::Base>,
 }
 
-/// What an update of the nodes needs.
-pub struct Update<T> {
-    /// Acceleration of free fall times the time step, m/s.
-    pub fall_m_s: Vec3<T>,
-    /// Coulomb coefficient of the table.
-    pub friction: T,
-    /// Factor of every velocity.
-    pub decay: f64,
-}
-
-impl<T: Laned> Nodes<T> {
-    /// Nodes at rest; `masses_kg` are the particles', slice by slice.
+impl<T: Laned> NodeMasses<T> {
+    /// From the particles' masses, slice by slice.
     pub fn new<L: Lanes<Scalar = T::Base>>(transfer: &Transfer<L>, slices: usize, masses_kg: &[T]) -> Self {
-        let rows = |count| Rows::new(T::CHANNELS, transfer.planes, count, transfer.width);
         let members = transfer.members.len();
-        let (mut mass, mut inverse_mass) = (rows(1), rows(1));
+        let mut mass = Rows::new(T::CHANNELS, transfer.planes, 1, transfer.width);
+        let mut inverse = mass.clone();
         let mut total = vec![T::zero(); transfer.planes * transfer.width];
         for slice in 0..slices {
             transfer.weigh(
@@ -132,60 +135,70 @@ impl<T: Laned> Nodes<T> {
             }
             for k in 0..T::CHANNELS {
                 mass.channel_mut(k)[node] = m.channel(k);
-                inverse_mass.channel_mut(k)[node] = (T::one() / m).channel(k);
+                inverse.channel_mut(k)[node] = (T::one() / m).channel(k);
             }
         }
-        Self {
-            momentum: rows(3),
-            velocity: rows(3),
-            contact: rows(CONTACT_ROWS),
-            clamps: rows(CLAMP_ROWS),
-            constrained: vec![false; transfer.planes],
-            mass,
-            inverse_mass,
+        Self { mass, inverse }
+    }
+}
+
+/// Forgets what was summed up at the nodes, without an update.
+pub fn forget<L: Lanes>(blocks: &mut Blocks<L>) {
+    blocks.momentum.clear();
+    for plane in 0..blocks.constrained.len() {
+        if std::mem::take(&mut blocks.constrained[plane]) {
+            blocks.contact.clear_plane(blocks.channels, plane);
+            blocks.clamps.clear_plane(blocks.channels, plane);
         }
     }
+}
 
-    /// Forgets what was summed up, without an update.
-    pub fn forget(&mut self) {
-        self.momentum.values.fill(T::Base::zero());
-        for plane in 0..self.constrained.len() {
-            if std::mem::take(&mut self.constrained[plane]) {
-                self.contact.clear_plane(T::CHANNELS, plane);
-                self.clamps.clear_plane(T::CHANNELS, plane);
-            }
-        }
-    }
+/// What an update of the nodes needs.
+pub struct Update<T> {
+    /// Acceleration of free fall times the time step, m/s.
+    pub fall_m_s: Vec3<T>,
+    /// Coulomb coefficient of the table.
+    pub friction: T,
+    /// Factor of every velocity.
+    pub decay: f64,
+}
 
-    /// Turns momenta into velocities: weight, settling, table, clamps; and forgets what was summed up.
-    #[inline(always)]
-    pub fn update<I: Instructions>(&mut self, update: &Update<T>) {
-        let wide = |x: T| T::Wide::<I>::from_channels(|k| T::Plain::<I>::splat(x.channel(k)));
-        let (fall, friction) = (update.fall_m_s.map(wide), wide(update.friction));
-        let count = <T::Plain<I> as Lanes>::COUNT;
-        for plane in 0..self.constrained.len() {
-            let constrained = self.constrained[plane];
-            for node in (0..self.momentum.width).step_by(count) {
-                let inverse = self.inverse_mass.read::<T, I>(plane, 0, node).scale(update.decay);
-                let momentum = std::array::from_fn(|a| self.momentum.read::<T, I>(plane, a, node));
-                let mut velocity = add(mul(momentum, inverse), fall);
-                if constrained {
-                    let mass = self.mass.read::<T, I>(plane, 0, node);
-                    let contact = std::array::from_fn(|row| self.contact.read::<T, I>(plane, row, node));
-                    let clamp = std::array::from_fn(|row| self.clamps.read::<T, I>(plane, row, node));
-                    velocity = table_contact(velocity, mass, &contact, friction);
-                    velocity = clamp_node(velocity, mass, &clamp);
-                }
-                for a in 0..3 {
-                    self.velocity.write::<T, I>(plane, a, node, &velocity[a]);
-                }
-            }
+/// Turns momenta into velocities: weight, settling, table, clamps; and forgets what was summed up.
+#[inline(always)]
+pub fn update<T: Laned, I: Instructions>(
+    blocks: &mut Blocks<T::Plain<I>>,
+    masses: &NodeMasses<T>,
+    what: &Update<T>,
+) {
+    let wide = |x: T| T::Wide::<I>::from_channels(|k| T::Plain::<I>::splat(x.channel(k)));
+    let (fall, friction) = (what.fall_m_s.map(wide), wide(what.friction));
+    let count = <T::Plain<I> as Lanes>::COUNT;
+    for plane in 0..blocks.constrained.len() {
+        let constrained = blocks.constrained[plane];
+        for node in (0..blocks.momentum.width).step_by(count) {
+            let inverse = masses.inverse.read::<T, I>(plane, 0, node).scale(what.decay);
+            let momentum = blocks.momentum.read_vector::<T, I>(plane, 0, node);
+            let mut velocity = add(mul(momentum, inverse), fall);
             if constrained {
-                self.contact.clear_plane(T::CHANNELS, plane);
-                self.clamps.clear_plane(T::CHANNELS, plane);
-                self.constrained[plane] = false;
+                let mass = masses.mass.read::<T, I>(plane, 0, node);
+                let contact = [
+                    blocks.contact.read::<T, I>(plane, 0, node),
+                    blocks.contact.read::<T, I>(plane, 1, node),
+                ];
+                let [x, y, z] = blocks.clamps.read_vector::<T, I>(plane, 1, node);
+                let clamp = [blocks.clamps.read::<T, I>(plane, 0, node), x, y, z];
+                velocity = table_contact(velocity, mass, &contact, friction);
+                velocity = clamp_node(velocity, mass, &clamp);
+            }
+            for a in 0..3 {
+                blocks.velocity.write::<T, I>(plane, a, node, &velocity[a]);
             }
         }
-        self.momentum.values.fill(T::Base::zero());
+        if constrained {
+            blocks.contact.clear_plane(T::CHANNELS, plane);
+            blocks.clamps.clear_plane(T::CHANNELS, plane);
+            blocks.constrained[plane] = false;
+        }
     }
+    blocks.momentum.clear();
 }

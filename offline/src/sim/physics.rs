@@ -5,7 +5,7 @@ use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::tensor::{Mat3, Vec3};
+use super::tensor::{Mat3, Vec3, zero3};
 
 /// Standard acceleration of free fall, m/s² (CGPM 1901, rounded).
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -23,6 +23,25 @@ pub struct StressPoint<'a, T> {
     pub volume_ratio: T,
     /// Elastic moduli.
     pub lame: &'a Lame<T>,
+}
+
+/// What a bending law may know of the rope.
+pub struct BendingPoint<'a, T> {
+    /// The slices and their section.
+    pub layout: &'a RopeLayout,
+    /// Where closed grips end and the free rope begins.
+    pub mouths: &'a [Mouth],
+    /// Bending stiffness E I of the solid section, N m².
+    pub solid_n_m2: T,
+}
+
+/// Where the rope leaves a grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mouth {
+    /// Arc length, m.
+    pub arc_m: f64,
+    /// +1 where the free rope lies at larger arc lengths, −1 where at smaller ones.
+    pub outwards: f64,
 }
 
 /// State of a particle that a force law may use.
@@ -45,8 +64,47 @@ pub struct ForcePoint<T> {
 pub trait StressLaw<T: Real>: Send + Sync {
     /// Additional Kirchhoff stress, Pa.
     fn kirchhoff_pa(&self, point: &StressPoint<T>) -> Mat3<T>;
-    /// Largest viscosity, Pa s: explicit viscosity bounds the time step.
+    /// Energy density of which the stress is the derivative, J/m³; none where there is none.
+    fn energy_j_m3(&self, _point: &StressPoint<T>) -> Option<T> {
+        None
+    }
+    /// Modulus that it adds to the elastic one at large strain, Pa: stiffness bounds the time step.
+    fn modulus_pa(&self, _lame: &Lame<T>) -> f64 {
+        0.0
+    }
+}
+
+/// A stress that follows the rate of strain with a delay.
+pub trait MemoryLaw<T: Real>: Send + Sync {
+    /// Moves a particle's memory on by a step; `strain_rate` is that of the Green strain, 1/s. The
+    /// memory is zero at the start.
+    fn remember(&self, memory: &mut Mat3<T>, strain_rate: &Mat3<T>, dt_s: f64);
+    /// Second Piola-Kirchhoff stress, Pa.
+    fn second_piola_pa(&self, memory: &Mat3<T>, lame: &Lame<T>) -> Mat3<T>;
+    /// Viscosity while the strain changes slowly against the delay, Pa s.
     fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64;
+    /// Modulus while it changes quickly, Pa. The law is stable in a step that is stable for either.
+    fn modulus_pa(&self, lame: &Lame<T>) -> f64;
+}
+
+/// A stress-free shape other than straight.
+pub trait ShapeLaw<T: Real>: Send + Sync {
+    /// Curvature of the stress-free rope at an arc length toward the (side, up) of its first frame, 1/m.
+    fn curvature_per_m(&self, arc_m: f64) -> [T; 2];
+}
+
+/// A bending stiffness other than that of the solid section.
+pub trait BendingLaw<T: Real>: Send + Sync {
+    /// Changes the bending stiffness of every slice, as a multiple of the solid section's, in place;
+    /// called once before the first step.
+    fn change_stiffness(&self, point: &BendingPoint<T>, stiffness: &mut [T]);
+}
+
+/// A permanent change of the stress-free shape.
+pub trait FlowLaw<T: Real>: Send + Sync {
+    /// The factor Y that brings an elastic deformation gradient F back to an admissible one, F Y;
+    /// none where F is admissible.
+    fn relaxation(&self, elastic: &Mat3<T>) -> Option<Mat3<T>>;
 }
 
 /// A force on the rope besides weight and contact.
@@ -65,6 +123,18 @@ pub trait MassLaw<T: Real>: Send + Sync {
 pub trait PathLaw<T: Real>: Send + Sync {
     /// Real pose minus recorded pose at time `t_s`; `recorded` gives the pose at any time.
     fn offset(&self, recorded: &dyn Fn(T) -> Pose<T>, t_s: T) -> Pose<T>;
+}
+
+/// A difference between the rope and what the cameras report of it.
+pub trait ObservationLaw<T: Real>: Send + Sync {
+    /// What the cameras' clock shows above the robot's, s.
+    fn clock_offset_s(&self) -> T {
+        T::zero()
+    }
+    /// Where a point seems to be minus where it is, m; `pivot_m` is where the rope's start was first.
+    fn displacement_m(&self, _point_m: Vec3<T>, _pivot_m: [f64; 3]) -> Vec3<T> {
+        zero3()
+    }
 }
 
 /// A force on the rope that nobody explains, constant within blocks of time and within slices.
@@ -94,14 +164,26 @@ pub struct Physics<T> {
     pub gravity_m_s2: Vec3<T>,
     /// Coulomb coefficient between rope and table.
     pub friction: T,
+    /// How much later than recorded grips open, s.
+    pub release_delay_s: T,
     /// Stresses besides elasticity.
     pub stress_laws: Vec<Box<dyn StressLaw<T>>>,
+    /// Stresses with a memory.
+    pub memory_laws: Vec<Box<dyn MemoryLaw<T>>>,
     /// Forces besides weight and contact.
     pub force_laws: Vec<Box<dyn ForceLaw<T>>>,
     /// Changes of mass.
     pub mass_laws: Vec<Box<dyn MassLaw<T>>>,
     /// Errors of the clamp paths.
     pub path_laws: Vec<Box<dyn PathLaw<T>>>,
+    /// Stress-free shapes; their curvatures add.
+    pub shape_laws: Vec<Box<dyn ShapeLaw<T>>>,
+    /// Changes of the bending stiffness.
+    pub bending_laws: Vec<Box<dyn BendingLaw<T>>>,
+    /// Permanent changes of shape.
+    pub flow_laws: Vec<Box<dyn FlowLaw<T>>>,
+    /// Errors of the cameras.
+    pub observation_laws: Vec<Box<dyn ObservationLaw<T>>>,
     /// Changes of the scene's recorded paths, at most one per grip.
     pub path_shifts: Vec<PathShift<T>>,
     /// A force given along rope and time.
@@ -116,13 +198,36 @@ impl<T: Real> Physics<T> {
             poisson,
             gravity_m_s2: [T::zero(), T::zero(), T::of(-GRAVITY_M_S2)],
             friction,
+            release_delay_s: T::zero(),
             stress_laws: Vec::new(),
+            memory_laws: Vec::new(),
             force_laws: Vec::new(),
             mass_laws: Vec::new(),
             path_laws: Vec::new(),
+            shape_laws: Vec::new(),
+            bending_laws: Vec::new(),
+            flow_laws: Vec::new(),
+            observation_laws: Vec::new(),
             path_shifts: Vec::new(),
             force_field: None,
         }
+    }
+
+    /// Whether a law knows more than the state of one particle: slices, a shape at rest or the past.
+    pub fn changes_material(&self) -> bool {
+        !(self.shape_laws.is_empty()
+            && self.flow_laws.is_empty()
+            && self.bending_laws.is_empty()
+            && self.memory_laws.is_empty())
+    }
+
+    /// What the cameras' clock shows above the robot's, s.
+    pub fn clock_offset_s(&self) -> T {
+        let mut sum = T::zero();
+        for law in &self.observation_laws {
+            sum += law.clock_offset_s();
+        }
+        sum
     }
 
     /// Elastic moduli.

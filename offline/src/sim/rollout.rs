@@ -1,12 +1,14 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
 use super::clamp::{RigidMotion, grip_forces_n};
+use super::elastic::Lame;
 use super::error::{Cause, SimError};
 use super::grid::{Grid, GridSpec};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
-use super::physics::{Physics, Pose};
+use super::material::Material;
+use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene};
@@ -14,14 +16,16 @@ use super::step::{
     MomentumField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
 };
 use super::sweep::Sweep;
-use super::tensor::{Vec3, add, norm, scaled, sub, value3, zero3};
+use super::tensor::{Vec3, add, mul, norm, scaled, sub, value3, zero3};
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
 #[derive(Clone, Debug)]
 pub struct Rollout<T> {
-    /// Centreline per recorded time: one point per slice, m.
+    /// Centreline per recorded time as the cameras report it: one point per slice, m.
     pub frames: Vec<Vec<Vec3<T>>>,
+    /// The same as it was, at the time when the frame was taken.
+    pub tracks: Vec<Track<T>>,
     /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
     /// zero at the start and where a grip is open.
     pub grip_forces_n: Vec<Vec<Vec3<T>>>,
@@ -35,6 +39,35 @@ pub struct Rollout<T> {
     pub steps: usize,
     /// Time step, s.
     pub dt_s: f64,
+}
+
+/// A centreline in motion.
+#[derive(Clone, Debug)]
+pub struct Track<T> {
+    /// One point per slice, m.
+    pub points_m: Vec<Vec3<T>>,
+    /// Their velocities, m/s.
+    pub velocities_m_s: Vec<Vec3<T>>,
+}
+
+impl<T: Real> Track<T> {
+    /// What the cameras report of it. The clocks' offset has chosen the time already; what is left of
+    /// it here are its tangents.
+    pub fn seen(&self, physics: &Physics<T>, pivot_m: [f64; 3]) -> Vec<Vec3<T>> {
+        let mut frame = self.points_m.clone();
+        if physics.observation_laws.is_empty() {
+            return frame;
+        }
+        let offset_s = physics.clock_offset_s();
+        let tangents_s = T::of(offset_s.value()) - offset_s;
+        for (point, &velocity) in frame.iter_mut().zip(&self.velocities_m_s) {
+            *point = add(*point, mul(velocity, tangents_s));
+            for law in &physics.observation_laws {
+                *point = add(*point, law.displacement_m(*point, pivot_m));
+            }
+        }
+        frame
+    }
 }
 
 /// Particles of the undeformed rope at rest.
@@ -77,6 +110,10 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    // Lanes run along the slices and know single particles; what slices share or remember they do not.
+    if physics.changes_material() {
+        return simulate_one_by_one(scene, physics);
+    }
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") {
@@ -125,6 +162,7 @@ pub(super) trait Engine<T> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        material: Material<T>,
     ) -> Self;
     /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
     fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
@@ -152,6 +190,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        _material: Material<T>,
     ) -> Self {
         Sweep::new(context, layout, grid, &particles)
     }
@@ -188,6 +227,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
 /// One particle after the other.
 struct OneByOne<T: Real> {
     particles: Vec<Particle<T>>,
+    material: Material<T>,
     grid: Grid<T>,
     section: usize,
 }
@@ -198,17 +238,25 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
+        material: Material<T>,
     ) -> Self {
         let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
         Self {
             grid: Grid::new(layout, grid, &masses),
+            material,
             particles,
             section: context.section,
         }
     }
     fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
         grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
-        particles_to_grid(&self.particles, &mut self.grid, context, motions)
+        particles_to_grid(
+            &self.particles,
+            &mut self.material,
+            &mut self.grid,
+            context,
+            motions,
+        )
     }
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
         for index in 0..self.particles.len() {
@@ -290,16 +338,12 @@ impl<'a, T: Real> Setup<'a, T> {
         check_parameters(physics)?;
         scene.check()?;
         let layout = scene.layout();
-        let density = scene.rope.density_kg_m3();
         let dt_s = time_step_s(scene, physics);
         // Before anything of the size of the rope is built.
-        let steps = scene.steps(dt_s, layout.particles())?;
-        let mut masses_kg: Vec<T> = (0..layout.particles())
-            .map(|p| T::of(density * layout.particle_volume_m3(p)))
-            .collect();
-        for law in &physics.mass_laws {
-            law.change_masses_kg(&layout, &mut masses_kg);
-        }
+        // A camera's clock that is behind sees the rope later than it says.
+        let late_s = (-physics.clock_offset_s().value()).max(0.0);
+        let steps = scene.steps(dt_s, late_s, layout.particles())?;
+        let masses_kg = masses_kg(scene, physics, &layout);
         let context = StepContext {
             physics,
             lame: physics.lame(),
@@ -363,7 +407,8 @@ impl<'a, T: Real> Setup<'a, T> {
     #[inline(always)]
     pub(super) fn engine<E: Engine<T>>(&self) -> E {
         let particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
-        E::new(&self.context, &self.layout, self.scene.grid, particles)
+        let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
+        E::new(&self.context, &self.layout, self.scene.grid, particles, material)
     }
 
     /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
@@ -405,7 +450,8 @@ pub fn grip_motions<T: Real>(
 ) -> Vec<Option<RigidMotion<T>>> {
     let motion = |(index, grip): (usize, &Grip)| {
         let (path, first) = (&grip.path, grip.path.knots()[0].pose);
-        if !path.closed(t_s) {
+        let opens_late = path.closed(t_s - physics.release_delay_s.value());
+        if !(path.closed(t_s) || opens_late) {
             return None;
         }
         let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
@@ -424,11 +470,68 @@ pub fn grip_motions<T: Real>(
     scene.grips.iter().enumerate().map(motion).collect()
 }
 
-/// The time step of a scene with a physics, s.
+/// Masses of the particles as the laws leave them, kg.
+pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayout) -> Vec<T> {
+    let density = scene.rope.density_kg_m3();
+    let mut masses: Vec<T> = (0..layout.particles())
+        .map(|p| T::of(density * layout.particle_volume_m3(p)))
+        .collect();
+    for law in &physics.mass_laws {
+        law.change_masses_kg(layout, &mut masses);
+    }
+    masses
+}
+
+/// Where the scene's grips end.
+pub fn mouths(scene: &Scene) -> Vec<Mouth> {
+    let mouth = |grip: &Grip| match grip.end {
+        RopeEnd::Start => Mouth {
+            arc_m: grip.length_m,
+            outwards: 1.0,
+        },
+        RopeEnd::End => Mouth {
+            arc_m: scene.rope.length_m - grip.length_m,
+            outwards: -1.0,
+        },
+    };
+    scene.grips.iter().map(mouth).collect()
+}
+
+/// The time step of a scene with all laws of a physics, s. A piece that is lighter than the rope as
+/// declared counts as that much stiffer, because wave speed and diffusivity go with their ratio.
 pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
     let lame = physics.lame();
-    let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
-    scene.time_step_s(lame.p_wave_modulus().value(), viscosities.fold(0.0, f64::max))
+    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
+    let modulus = lame.p_wave_modulus().value() * stiffest_bending(scene, physics) + stiffening;
+    let lightness = lightness(scene, physics);
+    let of_memory = |f: fn(&dyn MemoryLaw<T>, &Lame<T>) -> f64| -> f64 {
+        physics.memory_laws.iter().map(|law| f(law.as_ref(), &lame)).sum()
+    };
+    let viscosity = of_memory(|law, lame| law.viscosity_pa_s(lame));
+    let quick = of_memory(|law, lame| law.modulus_pa(lame));
+    let viscous = scene.time_step_s(modulus * lightness, viscosity * lightness);
+    viscous.max(scene.time_step_s((modulus + quick) * lightness, 0.0))
+}
+
+/// Declared density over the least that the laws leave, at least one.
+fn lightness<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    if physics.mass_laws.is_empty() {
+        return 1.0;
+    }
+    let layout = scene.layout();
+    let density = scene.rope.density_kg_m3();
+    let masses = masses_kg(scene, physics, &layout);
+    let declared = |p| T::of(density * layout.particle_volume_m3(p)).value();
+    let ratios = masses.iter().enumerate().map(|(p, m)| declared(p) / m.value());
+    ratios.fold(1.0, f64::max)
+}
+
+/// Largest bending stiffness of a slice as a multiple of the solid section's, at least one.
+fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    if physics.bending_laws.is_empty() {
+        return 1.0;
+    }
+    Material::new(physics, &scene.layout(), &mouths(scene)).largest_bending()
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
@@ -472,10 +575,11 @@ pub(super) struct FrameMark {
     pub(super) ahead_s: f64,
 }
 
-/// Takes down the centreline at the scene's frame times and the tip's reach.
+/// Takes down the centreline at the scene's frame times, as the cameras report it, and the tip's reach.
 pub(super) struct Recorder<'a, T> {
     scene: &'a Scene,
     frames: Vec<Vec<Vec3<T>>>,
+    tracks: Vec<Track<T>>,
     grip_forces_n: Vec<Vec<Vec3<T>>>,
     particles: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
@@ -492,6 +596,7 @@ impl<'a, T: Real> Recorder<'a, T> {
         Self {
             scene,
             frames: Vec::with_capacity(scene.frame_times_s.len()),
+            tracks: Vec::with_capacity(scene.frame_times_s.len()),
             grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             particles: Vec::new(),
             reach_m: None,
@@ -505,20 +610,29 @@ impl<'a, T: Real> Recorder<'a, T> {
     #[inline(always)]
     pub(super) fn record(&mut self, engine: &impl Engine<T>, state: usize, setup: &Setup<T>) {
         let now_s = setup.time_s(state);
+        let physics = setup.context.physics;
+        let offset_s = physics.clock_offset_s().value();
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
+            // Before the start the rope lies as at the start.
+            let due = (due - offset_s).max(0.0);
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
             let ahead_s = due - now_s;
-            let at = |(place, velocity): (Vec3<T>, Vec3<T>)| add(place, scaled(velocity, ahead_s));
-            let slices = 0..engine.slices();
-            self.frames
-                .push(slices.clone().map(|s| at(engine.slice_mean(s))).collect());
+            let middles = (0..engine.slices()).map(|slice| engine.slice_mean(slice));
+            let track = Track {
+                points_m: middles.clone().map(|(p, v)| add(p, scaled(v, ahead_s))).collect(),
+                velocities_m_s: middles.map(|(_, v)| v).collect(),
+            };
+            self.frames.push(track.seen(physics, self.scene.start_m));
+            self.tracks.push(track);
             if self.scene.keep_particles {
+                let at = |(place, velocity): (Vec3<T>, Vec3<T>)| add(place, scaled(velocity, ahead_s));
                 let members = setup.context.section;
-                let of_slice = |s| (0..members).map(move |member| at(engine.member(s, member)));
-                self.particles.push(slices.flat_map(of_slice).collect());
+                let of_slice = |slice| (0..members).map(move |member| at(engine.member(slice, member)));
+                self.particles
+                    .push((0..engine.slices()).flat_map(of_slice).collect());
             }
             self.marks.push(FrameMark { state, ahead_s });
             self.grip_forces_n
@@ -536,6 +650,7 @@ impl<'a, T: Real> Recorder<'a, T> {
     pub(super) fn finish(&mut self, setup: &Setup<T>) -> Rollout<T> {
         Rollout {
             frames: std::mem::take(&mut self.frames),
+            tracks: std::mem::take(&mut self.tracks),
             grip_forces_n: std::mem::take(&mut self.grip_forces_n),
             particles: std::mem::take(&mut self.particles),
             arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
@@ -555,12 +670,14 @@ fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
     last + (last - before).scale(0.5)
 }
 
-/// Two unit vectors that complete `axis` to a right-handed frame.
+/// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a
+/// rope that hangs or stands is one that was turned about y without a roll, so that properties of the
+/// material keep their side from a lift to a swing.
 fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]
     } else {
-        [0.0, 1.0, 0.0]
+        [-axis[2].signum(), 0.0, 0.0]
     };
     let along = axis.iter().zip(&helper).map(|(a, h)| a * h).sum::<f64>();
     let up = sub(helper, axis.map(|a| a * along));

@@ -387,12 +387,12 @@ impl Scene {
         Ok(())
     }
 
-    /// Number of steps of `dt_s` from start to end.
+    /// Number of steps of `dt_s` from start to `late_s` after the end.
     ///
     /// # Errors
     /// They would not end within reason ([`MOST_PARTICLE_STEPS`]).
-    pub fn steps(&self, dt_s: f64, particles: usize) -> Result<usize, SimError> {
-        let steps = (self.duration_s / dt_s).ceil();
+    pub fn steps(&self, dt_s: f64, late_s: f64, particles: usize) -> Result<usize, SimError> {
+        let steps = ((self.duration_s + late_s) / dt_s).ceil();
         if steps.is_nan() || steps * particles as f64 > MOST_PARTICLE_STEPS {
             return Err(SimError::at_start(Cause::TooLong { steps, particles }));
         }

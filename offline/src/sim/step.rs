@@ -1,12 +1,13 @@
 //! One time step of MLS-MPM: particles to grid, grid update, grid to particles.
 
 use super::clamp::{RigidMotion, STIFFNESS};
-use super::elastic::{Lame, piola_stress};
+use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
-use super::physics::{ForcePoint, Physics, StressPoint};
+use super::material::{Material, Motion};
+use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
-use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, sub, transpose_inverse};
+use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +30,14 @@ pub struct Particle<T> {
     pub grip: Option<(usize, [f64; 3])>,
 }
 
+impl<T> Particle<T> {
+    /// Deformation gradient and its rate.
+    #[inline(always)]
+    pub fn motion(&self) -> Motion<'_, T> {
+        (&self.deformation_gradient, &self.deformation_rate)
+    }
+}
+
 /// Constants of a rollout that every step uses.
 pub struct StepContext<'a, T> {
     /// Coefficients and laws.
@@ -45,17 +54,18 @@ pub struct StepContext<'a, T> {
     pub section: usize,
 }
 
-/// Advances the particles by one step. `motions` holds the motion of each closed grip at the end of
+/// Advances particles and material by one step. `motions` holds the motion of each closed grip at the end of
 /// the step; `decay` multiplies every velocity (1 outside settling).
 #[inline(always)]
 pub fn step<T: Real>(
     particles: &mut [Particle<T>],
+    material: &mut Material<T>,
     grid: &mut Grid<T>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
-    particles_to_grid(particles, grid, context, motions)?;
+    particles_to_grid(particles, material, grid, context, motions)?;
     update_nodes(grid, context, decay);
     grid_to_particles(particles, grid, context.dt_s);
     Ok(())
@@ -65,13 +75,15 @@ pub fn step<T: Real>(
 #[inline(always)]
 pub fn particles_to_grid<T: Real>(
     particles: &[Particle<T>],
+    material: &mut Material<T>,
     grid: &mut Grid<T>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
 ) -> Result<(), Cause> {
     grid.clear();
+    material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
-        let field = momentum_field(particle, context, grid.spacing_m, index)?;
+        let field = momentum_field(particle, material, context, grid.spacing_m, index)?;
         scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.nodes);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
             scatter_clamp(index, stiffness, velocity, grid);
@@ -102,17 +114,14 @@ pub(super) struct MomentumField<T> {
 #[inline(always)]
 fn momentum_field<T: Real>(
     particle: &Particle<T>,
+    material: &Material<T>,
     context: &StepContext<T>,
     dx: f64,
     index: usize,
 ) -> Result<MomentumField<T>, Cause> {
-    let f = &particle.deformation_gradient;
-    let (mut pk1, j) = piola_stress(f, &context.lame);
+    let (pk1, j) = material.piola(index, particle.motion(), context.physics, &context.lame);
     if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
-    }
-    if !context.physics.stress_laws.is_empty() {
-        add_stress_laws(particle, context, j, &mut pk1);
     }
     let stress_scale = -context.dt_s * particle.volume_m3 * 4.0 / (dx * dx);
     let m = particle.mass_kg;
@@ -152,31 +161,6 @@ pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
         Cause::NonFinite { particle }
     } else {
         Cause::Inverted { particle, det }
-    }
-}
-
-/// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-pub(super) fn add_stress_laws<T: Real>(
-    particle: &Particle<T>,
-    context: &StepContext<T>,
-    j: T,
-    pk1: &mut Mat3<T>,
-) {
-    let f = &particle.deformation_gradient;
-    let inverse_transposed = transpose_inverse(f);
-    // L = Ḟ F⁻¹.
-    let velocity_gradient = matmul_transposed(&particle.deformation_rate, &inverse_transposed);
-    for law in &context.physics.stress_laws {
-        let kirchhoff = law.kirchhoff_pa(&StressPoint {
-            deformation_gradient: f,
-            velocity_gradient: &velocity_gradient,
-            volume_ratio: j,
-            lame: &context.lame,
-        });
-        let extra = matmul(&kirchhoff, &inverse_transposed);
-        for a in 0..3 {
-            pk1[a] = add(pk1[a], extra[a]);
-        }
     }
 }
 
@@ -339,7 +323,11 @@ pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> 
     let held = stiffness.exceeds(T::zero());
     let inverse = T::one() / (mass + stiffness);
     let asked = mul(add(mul(velocity, mass), [px, py, pz]), inverse);
-    std::array::from_fn(|k| T::select(held, asked[k], velocity[k]))
+    [
+        T::select(held, asked[0], velocity[0]),
+        T::select(held, asked[1], velocity[1]),
+        T::select(held, asked[2], velocity[2]),
+    ]
 }
 
 /// Moves a particle on with its nodes.

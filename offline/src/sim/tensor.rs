@@ -129,7 +129,11 @@ pub fn det<T: Arithmetic>(a: &Mat3<T>) -> T {
 pub fn transpose_inverse<T: Arithmetic>(a: &Mat3<T>) -> Mat3<T> {
     let cofactors = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])];
     let inverse_det = T::one() / dot(a[0], cofactors[0]);
-    cofactors.map(|row| mul(row, inverse_det))
+    [
+        mul(cofactors[0], inverse_det),
+        mul(cofactors[1], inverse_det),
+        mul(cofactors[2], inverse_det),
+    ]
 }
 
 /// Rotation matrix of a unit quaternion (x, y, z, w).

@@ -139,11 +139,6 @@ impl<L: Lanes> Transfer<L> {
         self.offsets.len()
     }
 
-    /// The lanes of a register that are slices of the rope.
-    pub fn real_lanes(&self, block: usize, slices: usize) -> usize {
-        (slices - block * L::COUNT).min(L::COUNT)
-    }
-
     /// Values at the nodes of each slice of a block, from values at the nodes of all planes: `rows` rows
     /// of nodes per plane. Writes for every node Σ w v, then for every node Σ w v k with k = −1, 0, 1 the
     /// number of the plane.
@@ -220,14 +215,16 @@ impl<L: Lanes> Transfer<L> {
             let mut lines = [L::zero(); 3];
             let (mut low, mut high, mut along) = (L::zero(), L::zero(), L::zero());
             for j in 0..3 {
-                let at = |k: usize| (node(values, link, 3 * j + k), L::splat(link.weights[3 * j + k]));
-                let ((v0, w0), (v1, w1), (v2, w2)) = (at(0), at(1), at(2));
+                let e = 3 * j;
+                let (v0, w0) = (node(values, link, e), L::splat(link.weights[e]));
+                let (v1, w1) = (node(values, link, e + 1), L::splat(link.weights[e + 1]));
+                let (v2, w2) = (node(values, link, e + 2), L::splat(link.weights[e + 2]));
                 lines[j] = v2.times_plus(w2, v1.times_plus(w1, v0 * w0));
                 low = v0.times_plus(w0, low);
                 high = v2.times_plus(w2, high);
-                for (k, w) in [w0, w1, w2].into_iter().enumerate() {
-                    along = node(moments, link, 3 * j + k).times_plus(w, along);
-                }
+                along = node(moments, link, e).times_plus(w0, along);
+                along = node(moments, link, e + 1).times_plus(w1, along);
+                along = node(moments, link, e + 2).times_plus(w2, along);
             }
             velocity[a] = lines[0] + lines[1] + lines[2];
             let moment = [along, lines[2] - lines[0], high - low];

@@ -127,6 +127,7 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::Unreachable { .. } => "refused: unreachable",
         Cause::TooLong { .. } => "refused: too long",
         Cause::Memory { .. } => "refused: too little memory",
+        Cause::OneWay => "refused: no way back",
         Cause::BadParameter { .. } => "refused: bad parameter",
     }
 }

@@ -1,10 +1,10 @@
 //! A rope stepped one step at a time with its particles in view: momentum, energy, invariance and
 //! vibration need the state that a rollout does not show.
 
-use crate::sim::elastic::energy_density;
 use crate::sim::error::Cause;
 use crate::sim::grid::Grid;
-use crate::sim::rollout::{grip_motions, initial_particles, time_step_s};
+use crate::sim::material::Material;
+use crate::sim::rollout::{grip_motions, initial_particles, masses_kg, mouths, time_step_s};
 use crate::sim::rope::RopeLayout;
 use crate::sim::step::{Particle, StepContext, step};
 use crate::sim::{Physics, Scene, SimError};
@@ -21,19 +21,18 @@ pub struct Stepper<'a> {
     scene: &'a Scene,
     physics: &'a Physics<f64>,
     grid: Grid<f64>,
+    material: Material<f64>,
     steps: usize,
 }
 
 impl<'a> Stepper<'a> {
-    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's settling and
-    /// changes of mass are not used.
+    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's settling is
+    /// not used.
     pub fn new(scene: &'a Scene, physics: &'a Physics<f64>) -> Self {
         let layout = scene.layout();
-        let density = scene.rope.density_kg_m3();
-        let masses: Vec<f64> = (0..layout.particles())
-            .map(|p| density * layout.particle_volume_m3(p))
-            .collect();
+        let masses = masses_kg(scene, physics, &layout);
         Self {
+            material: Material::new(physics, &layout, &mouths(scene)),
             particles: initial_particles(scene, &layout, &masses),
             dt_s: time_step_s(scene, physics),
             grid: Grid::new(&layout, scene.grid, &masses),
@@ -108,7 +107,15 @@ impl<'a> Stepper<'a> {
                 t_s,
                 cause,
             };
-            step(&mut self.particles, &mut self.grid, &context, &motions, decay).map_err(stop)?;
+            step(
+                &mut self.particles,
+                &mut self.material,
+                &mut self.grid,
+                &context,
+                &motions,
+                decay,
+            )
+            .map_err(stop)?;
             self.steps += 1;
         }
         Ok(())
@@ -170,19 +177,18 @@ impl<'a> Stepper<'a> {
 
     /// Kinetic, elastic and potential energy, J.
     pub fn energy_j(&self) -> f64 {
-        let lame = self.physics.lame();
+        let volumes: Vec<f64> = self.particles.iter().map(|p| p.volume_m3).collect();
+        let gradient = |index: usize| &self.particles[index].deformation_gradient;
+        let stored = self.material.energy_j(self.physics, gradient, &volumes);
         let lever = self.affine_inertia_m2();
         let gravity = Vector3::from(self.physics.gravity_m_s2);
-        self.particles
-            .iter()
-            .map(|p| {
-                let affine = matrix(&p.deformation_rate).norm_squared() * lever;
-                let speed = Vector3::from(p.velocity_m_s).norm_squared();
-                let fall = gravity.dot(&Vector3::from(p.position_m));
-                p.mass_kg * (0.5 * (speed + affine) - fall)
-                    + p.volume_m3 * energy_density(&p.deformation_gradient, &lame)
-            })
-            .sum()
+        let moving = self.particles.iter().map(|p| {
+            let affine = matrix(&p.deformation_rate).norm_squared() * lever;
+            let speed = Vector3::from(p.velocity_m_s).norm_squared();
+            let fall = gravity.dot(&Vector3::from(p.position_m));
+            p.mass_kg * (0.5 * (speed + affine) - fall)
+        });
+        stored + moving.sum::<f64>()
     }
 
     /// dx²/4: second moment of the quadratic kernel (Jiang et al. 2015).

@@ -172,7 +172,7 @@ fn stiffness_cases(study: &Study) -> Vec<Case> {
     let mut promised = study.clone();
     promised.points.retain(|p| p.cells >= MIN_CELLS_PER_DIAMETER);
     let mut cases = promised.cases(FAMILY, STIFFNESS, INTERIOR_ORDER);
-    if study.points.len() > 1 {
+    if study.spacings().len() > 1 {
         let coarse = study
             .spacings()
             .into_iter()

@@ -3,12 +3,13 @@
 use super::Precision;
 use super::state::StateCotangent;
 use super::var::{Session, Var};
+use crate::sim::blocks::Body;
 use crate::sim::lanes::{Instructions, Lanes, MOST_LANES};
+use crate::sim::material::add_stress_laws;
 use crate::sim::physics::Physics;
 use crate::sim::real::{Arithmetic, Real};
 use crate::sim::rollout::Setup;
-use crate::sim::step::{Particle, add_stress_laws, force_of_laws};
-use crate::sim::sweep::Body;
+use crate::sim::step::{Particle, force_of_laws};
 use crate::sim::tensor::{Mat3, Vec3, det};
 
 /// Derivatives of the result with respect to what the laws gave.
@@ -90,7 +91,7 @@ fn record(session: &Session, vars: &Setup<Var>, particle: &Particle<Var>, seeds:
     if !physics.stress_laws.is_empty() {
         let mut stress = [[Var::zero(); 3]; 3];
         let j = det(&particle.deformation_gradient);
-        add_stress_laws(particle, &vars.context, j, &mut stress);
+        add_stress_laws(particle.motion(), physics, &vars.context.lame, j, &mut stress);
         for (var, bar) in stress.iter().flatten().zip(&seeds.1) {
             session.seed(*var, *bar);
         }

@@ -2,20 +2,23 @@
 //!
 //! Forward mode ([`super::Dual`]) pays for every input; this pays once for all: elastic and effect
 //! parameters, hundreds of knots of the grippers' paths, a force along rope and time. The simulation
-//! runs forward and keeps what [`plan`] says, the caller looks at the rollout and says how its result
-//! changes with it ([`Cotangent`]), and the way back ([`reverse`]) gives the gradient.
+//! runs forward and keeps what `plan.rs` says, the caller looks at the rollout and says how its result
+//! changes with it ([`Cotangent`]), and the way back (`reverse.rs`) gives the gradient.
 //!
 //! | part of a step | its derivative |
 //! |---|---|
-//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of [`super::transfer`] |
-//! | elastic stress | by hand, safe at F = I ([`stress`]) |
-//! | table, friction, clamps | by hand ([`nodes`]) |
-//! | effects' laws, clamp motion, masses | recorded and swept ([`var`]): an effect needs no code for it |
+//! | transfer to the grid and back | linear with constant weights: each is the transpose of the other, so both directions use the functions of `transfer.rs` |
+//! | elastic stress | by hand, safe at F = I (`stress.rs`) |
+//! | table, friction, clamps | by hand (`nodes.rs`) |
+//! | effects' laws, clamp motion, masses | recorded and swept (`var.rs`): an effect needs no code for it |
 //!
 //! Where a derivative does not exist, the code returns one side: a node that sticks to the table has
 //! derivative zero along it, contact that is open has none, and the step at which a clamp opens or a
 //! frame is due is not differentiated, nor is the time step (see [`super::Scene::time_step_s`]).
 //! Forward mode makes the same choices.
+//!
+//! Laws that change the material or what is seen ([`Physics::changes_material`], observation laws) are
+//! refused: the way back would have to undo what they remember. Forward mode has their derivatives.
 
 mod laws;
 mod nodes;
@@ -27,10 +30,11 @@ mod state;
 mod stress;
 mod var;
 
-pub use paths::{KnotGradient, release_gradient};
+pub use paths::{KnotGradient, release_gradient, sample_gradient};
 pub use var::Var;
 
-use super::error::SimError;
+use super::blocks::Body;
+use super::error::{Cause, SimError};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
@@ -38,7 +42,7 @@ use super::physics::Physics;
 use super::real::{Float, Real};
 use super::rollout::{Recorder, Rollout, Setup};
 use super::scene::Scene;
-use super::sweep::{Body, Sweep};
+use super::sweep::Sweep;
 use super::tensor::Vec3;
 use plan::Plan;
 use seeds::Seeds;
@@ -94,7 +98,8 @@ impl<F: Float + Laned<Base = F>> Precision for F {}
 /// changes with it.
 ///
 /// # Errors
-/// As [`super::simulate`], and [`super::Cause::Memory`] where `budget_bytes` is too small.
+/// As [`super::simulate`], [`super::Cause::Memory`] where `budget_bytes` is too small, and
+/// [`super::Cause::OneWay`] where a law changes the material or what is seen.
 ///
 /// # Panics
 /// The cotangent's shape is not that of the rollout's frames.
@@ -153,10 +158,13 @@ fn run<F: Precision, M: Family, I: Instructions>(
 ) -> Result<Differentiated<F>, SimError> {
     let values: Vec<F> = theta.iter().map(|&x| F::of(x)).collect();
     let physics = family.physics(&values);
+    if physics.changes_material() || !physics.observation_laws.is_empty() {
+        return Err(SimError::at_start(Cause::OneWay));
+    }
     let setup = Setup::new(scene, &physics)?;
     let mut engine: Sweep<F, I> = setup.engine();
-    let nodes_bytes = size_of_val(engine.nodes.velocity.channel(0));
-    let state_bytes = size_of_val(&engine.bodies[..]) + nodes_bytes;
+    let nodes_bytes = size_of_val(engine.blocks.velocity.channel(0));
+    let state_bytes = size_of_val(&engine.blocks.bodies[..]) + nodes_bytes;
     let plan = Plan::new(setup.steps, state_bytes, nodes_bytes, budget_bytes).map_err(SimError::at_start)?;
     let mut record = Record::new(plan);
     let mut recorder = Recorder::new(scene);
@@ -215,8 +223,8 @@ impl<F: Precision, I: Instructions> Record<F, I> {
             return;
         }
         self.checkpoints.push(Checkpoint {
-            bodies: engine.bodies.clone(),
-            nodes: engine.nodes.velocity.channel(0).to_vec(),
+            bodies: engine.blocks.bodies.clone(),
+            nodes: engine.blocks.velocity.channel(0).to_vec(),
         });
         if segment >= self.plan.kept_from {
             self.nodes.push(Vec::new());
@@ -228,7 +236,7 @@ impl<F: Precision, I: Instructions> Record<F, I> {
         if step / self.plan.segment >= self.plan.kept_from
             && let Some(nodes) = self.nodes.last_mut()
         {
-            nodes.extend_from_slice(engine.nodes.velocity.channel(0));
+            nodes.extend_from_slice(engine.blocks.velocity.channel(0));
         }
     }
 }

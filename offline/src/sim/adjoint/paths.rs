@@ -32,6 +32,28 @@ pub fn release_gradient(path: &ClampPath, knots: &[KnotGradient]) -> [f64; 3] {
     sum
 }
 
+/// Derivative with respect to the poses that [`ClampPath::from_samples`] took, one per knot: rates follow
+/// from poses, so what they do counts too.
+pub fn sample_gradient(path: &ClampPath, knots: &[KnotGradient]) -> Vec<[f64; 7]> {
+    let times = path.knots().iter().map(|knot| knot.t_s);
+    let mut samples: Vec<(f64, Pose<f64>, bool)> = times.map(|t_s| (t_s, [0.0; 7], true)).collect();
+    let mut gradient = Vec::with_capacity(knots.len());
+    for (index, knot) in knots.iter().enumerate() {
+        // Rates are linear in poses: those of one sample moved by one are its weights.
+        samples[index].1[0] = 1.0;
+        let moved = ClampPath::from_samples(&samples);
+        samples[index].1[0] = 0.0;
+        let mut sum = knot.pose;
+        for (weight, by) in moved.knots().iter().zip(knots) {
+            for k in 0..7 {
+                sum[k] += weight.rate[0] * by.rate[k];
+            }
+        }
+        gradient.push(sum);
+    }
+    gradient
+}
+
 /// Derivatives with respect to the motion of a clamp in one step.
 #[derive(Clone, Copy, Default)]
 pub(super) struct MotionCotangent {

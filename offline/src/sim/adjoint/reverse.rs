@@ -8,10 +8,11 @@ use super::state::{StateCotangent, total};
 use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
+use crate::sim::blocks::{Part, Stepped};
 use crate::sim::clamp::{RigidMotion, STIFFNESS};
 use crate::sim::error::SimError;
 use crate::sim::lanes::{Instructions, Lanes};
-use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS};
+use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS, forget};
 use crate::sim::real::Arithmetic;
 use crate::sim::rollout::Setup;
 use crate::sim::sweep::Sweep;
@@ -49,7 +50,7 @@ pub(super) fn gradient<F: Precision, I: Instructions, M: Family>(
             } else {
                 back.restore(&checkpoint);
             }
-            back.step(number, of_step(number));
+            back.step(number, of_step(number))?;
             seeds.add(number, shape, &mut back.bars);
         }
     }
@@ -96,13 +97,13 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         session: &'a Session,
         engine: Sweep<F, I>,
     ) -> Self {
-        let nodes = engine.transfer.planes * engine.transfer.width;
+        let nodes = engine.blocks.transfer.planes * engine.blocks.transfer.width;
         let field = setup.context.physics.force_field.as_ref();
         let zeros = |block: &Vec<Vec3<F>>| vec![[0.0; 3]; block.len()];
         let zero = F::Plain::<I>::zero();
         let mut back = Self {
-            rates: vec![[[zero; 3]; 3]; engine.bodies.len()],
-            bars: vec![StateCotangent::zero(); engine.bodies.len()],
+            rates: vec![[[zero; 3]; 3]; engine.blocks.bodies.len()],
+            bars: vec![StateCotangent::zero(); engine.blocks.bodies.len()],
             node_bars: vec![F::zero(); 3 * nodes],
             clamp_bars: vec![F::zero(); CLAMP_ROWS * nodes],
             contact_bars: vec![F::zero(); CONTACT_ROWS * nodes],
@@ -112,14 +113,14 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             totals: Totals::default(),
             paths: PathGradients::new(vars),
             force_field: field.map_or(Vec::new(), |f| f.force_n_m.iter().map(zeros).collect()),
-            scratch: vec![zero; 2 * CLAMP_ROWS * engine.transfer.width],
+            scratch: vec![zero; 2 * CLAMP_ROWS * engine.blocks.transfer.width],
             setup,
             vars,
             session,
             engine,
         };
         // The last velocities of the nodes are still there.
-        let last = back.engine.nodes.velocity.channel(0).to_vec();
+        let last = back.engine.blocks.velocity.channel(0).to_vec();
         back.look_up(&last);
         back
     }
@@ -138,31 +139,32 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         checkpoint: &Checkpoint<F, I>,
         range: std::ops::Range<usize>,
     ) -> Result<Vec<F>, SimError> {
-        let end = std::mem::replace(&mut self.engine.bodies, checkpoint.bodies.clone());
-        let velocities = self.engine.nodes.velocity.channel_mut(0);
+        let end = std::mem::replace(&mut self.engine.blocks.bodies, checkpoint.bodies.clone());
+        let velocities = self.engine.blocks.velocity.channel_mut(0);
         velocities.copy_from_slice(&checkpoint.nodes);
         let mut nodes = Vec::with_capacity(range.len() * velocities.len());
-        self.engine.nodes.forget();
+        forget(&mut self.engine.blocks);
         for number in range {
             let motions = self.setup.motions(number);
             self.setup.sweep(&mut self.engine, number, &motions)?;
             self.setup.update_nodes(&mut self.engine, number);
-            nodes.extend_from_slice(self.engine.nodes.velocity.channel(0));
+            nodes.extend_from_slice(self.engine.blocks.velocity.channel(0));
         }
-        self.engine.bodies = end;
+        self.engine.blocks.bodies = end;
         Ok(nodes)
     }
 
     /// Takes the particles to the state that follows a checkpoint.
     fn restore(&mut self, checkpoint: &Checkpoint<F, I>) {
         let members = self.members();
-        self.engine.bodies.copy_from_slice(&checkpoint.bodies);
-        let velocities = self.engine.nodes.velocity.channel_mut(0);
+        self.engine.blocks.bodies.copy_from_slice(&checkpoint.bodies);
+        let velocities = self.engine.blocks.velocity.channel_mut(0);
         velocities.copy_from_slice(&checkpoint.nodes);
-        for block in 0..self.engine.transfer.blocks() {
-            self.engine.move_bodies(&self.setup.context, block, 0);
+        for block in 0..self.engine.blocks.transfer.blocks() {
+            // Moving cannot stop.
+            let _ = <F::Plain<I> as Stepped>::step(&mut self.engine.blocks, &Part::Move(block));
             let rates = &mut self.rates[block * members..(block + 1) * members];
-            rates.copy_from_slice(&self.engine.scratch.rates);
+            rates.copy_from_slice(&self.engine.blocks.rates);
         }
     }
 
@@ -170,13 +172,13 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     #[inline(always)]
     fn look_up(&mut self, nodes: &[F]) {
         let members = self.members();
-        for block in 0..self.engine.transfer.blocks() {
-            let transfer = &self.engine.transfer;
+        for block in 0..self.engine.blocks.transfer.blocks() {
+            let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, 3, nodes, &mut self.scratch);
             for member in 0..members {
                 let index = block * members + member;
                 let (velocity, rate) = transfer.gather(block, member, &self.scratch);
-                self.engine.bodies[index].velocity_m_s = velocity;
+                self.engine.blocks.bodies[index].velocity_m_s = velocity;
                 self.rates[index] = rate;
             }
         }
@@ -189,7 +191,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let dt_s = self.setup.context.dt_s;
         let back = F::Plain::<I>::of(-dt_s);
         let back_per_cell = F::Plain::<I>::of(-dt_s / self.setup.scene.grid.spacing_m);
-        for (body, rate) in self.engine.bodies.iter_mut().zip(&self.rates) {
+        for (body, rate) in self.engine.blocks.bodies.iter_mut().zip(&self.rates) {
             for a in 0..3 {
                 body.position_m[a] = body.velocity_m_s[a].times_plus(back, body.position_m[a]);
                 for b in 0..3 {
@@ -203,17 +205,20 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
 
     /// Carries the derivatives over one step. `after` holds the nodes' velocities after it.
     #[inline(always)]
-    fn step(&mut self, number: usize, after: &[F]) {
+    fn step(&mut self, number: usize, after: &[F]) -> Result<(), SimError> {
         let motions = self.setup.motions(number);
-        self.engine.nodes.forget();
-        self.engine.springs(&self.setup.context, &motions);
+        forget(&mut self.engine.blocks);
+        self.engine
+            .springs(&motions)
+            .map_err(|cause| self.setup.stop(number, cause))?;
         self.spread();
         self.nodes(after, self.setup.decay(number));
         self.particles(number);
-        if self.engine.nodes.constrained.iter().any(|&c| c) {
+        if self.engine.blocks.constrained.iter().any(|&c| c) {
             self.clamps(&motions, number);
             self.contact();
         }
+        Ok(())
     }
 
     /// Transpose of the transfer from the grid.
@@ -224,7 +229,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let dt = F::Plain::<I>::of(dt_s);
         let dt_per_cell = F::Plain::<I>::of(dt_s / self.setup.scene.grid.spacing_m);
         let four = F::Plain::<I>::of(4.0);
-        let transfer = &self.engine.transfer;
+        let transfer = &self.engine.blocks.transfer;
         self.node_bars.fill(F::zero());
         for (block, bars) in self.bars.chunks(members).enumerate() {
             let nodes = &mut self.scratch[..6 * transfer.width];
@@ -247,21 +252,21 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     /// Derivatives with respect to velocities become those with respect to momenta.
     #[inline(always)]
     fn nodes(&mut self, after: &[F], decay: f64) {
-        let width = self.engine.transfer.width;
+        let width = self.engine.blocks.transfer.width;
         let mut gravity = [F::Plain::<I>::zero(); 3];
-        let constrained = self.engine.nodes.constrained.iter().any(|&c| c);
+        let constrained = self.engine.blocks.constrained.iter().any(|&c| c);
         if constrained {
             self.clamp_bars.fill(F::zero());
             self.contact_bars.fill(F::zero());
         }
-        for plane in 0..self.engine.transfer.planes {
-            if self.engine.nodes.constrained[plane] || self.weighed {
+        for plane in 0..self.engine.blocks.transfer.planes {
+            if self.engine.blocks.constrained[plane] || self.weighed {
                 for node in 0..width {
                     self.node(plane, node, after, decay);
                 }
                 continue;
             }
-            let inverse = &self.engine.nodes.inverse_mass.channel(0)[plane * width..];
+            let inverse = &self.engine.masses.inverse.channel(0)[plane * width..];
             for (a, gravity) in gravity.iter_mut().enumerate() {
                 let row = &mut self.node_bars[(3 * plane + a) * width..][..width];
                 for node in (0..width).step_by(Self::count()) {
@@ -279,10 +284,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
 
     /// The same for one node with all that may act on it.
     fn node(&mut self, plane: usize, node: usize, after: &[F], decay: f64) {
-        let (context, width) = (&self.setup.context, self.engine.transfer.width);
+        let (context, width) = (&self.setup.context, self.engine.blocks.transfer.width);
         let at = |rows: usize, row: usize| (plane * rows + row) * width + node;
-        let nodes = &self.engine.nodes;
-        let mass = nodes.mass.channel(0)[at(1, 0)];
+        let (nodes, masses) = (&self.engine.blocks, &self.engine.masses);
+        let mass = masses.mass.channel(0)[at(1, 0)];
         if mass.value() == 0.0 {
             return;
         }
@@ -295,7 +300,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
         let bar = forces.pull_back(vector(after), vector(&self.node_bars));
         let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
-        let inverse = nodes.inverse_mass.channel(0)[at(1, 0)];
+        let inverse = masses.inverse.channel(0)[at(1, 0)];
         let (momentum, by_mass) = pull_back_fall(&bar, inverse, fall, decay);
         for a in 0..3 {
             self.node_bars[at(3, a)] = momentum[a];
@@ -319,17 +324,18 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let lawful = has_laws(self.vars.context.physics);
         let pushed = self.setup.forces(number).is_some();
         let mut lame = [F::Plain::<I>::zero(); 2];
-        for block in 0..self.engine.transfer.blocks() {
-            let stress_scale = -(self.engine.stress_scales[block] * quarter);
-            let transfer = &self.engine.transfer;
+        for block in 0..self.engine.blocks.transfer.blocks() {
+            let stress_scale = -(self.engine.blocks.stress_scales[block] * quarter);
+            let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, 3, &self.node_bars, &mut self.scratch);
             let mut force = [F::Plain::<I>::zero(); 3];
             for member in 0..members {
                 let index = block * members + member;
-                let body = &self.engine.bodies[index];
-                let (momentum, change) = self.engine.transfer.gather(block, member, &self.scratch);
+                let body = &self.engine.blocks.bodies[index];
+                let (momentum, change) = self.engine.blocks.transfer.gather(block, member, &self.scratch);
                 let stress = change.map(|row| row.map(|x| x * stress_scale));
-                let elastic = pull_back_piola(&body.deformation_gradient, &self.engine.lame[0], &stress);
+                let elastic =
+                    pull_back_piola(&body.deformation_gradient, &self.engine.blocks.lame[0], &stress);
                 let mass = body.mass_kg * quarter;
                 let bar = &mut self.bars[index];
                 for k in 0..2 {
@@ -384,7 +390,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         change: &Mat3<F::Plain<I>>,
     ) {
         let index = block * self.members() + member;
-        let (velocity, rate) = (self.engine.bodies[index].velocity_m_s, self.rates[index]);
+        let (velocity, rate) = (self.engine.blocks.bodies[index].velocity_m_s, self.rates[index]);
         let mut sum = F::Plain::<I>::zero();
         for a in 0..3 {
             sum = momentum[a].times_plus(velocity[a], sum);
@@ -419,22 +425,25 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let per_step = F::Plain::<I>::of(1.0 / self.setup.context.dt_s);
         let splat = |x: F| F::Plain::<I>::splat(x);
         let mut of_motions = vec![MotionCotangent::default(); motions.len()];
-        for held in 0..self.engine.held.len() {
-            let (block, grip) = (self.engine.held[held].block, self.engine.held[held].grip);
+        for held in 0..self.engine.blocks.held.len() {
+            let (block, grip) = (
+                self.engine.blocks.held[held].block,
+                self.engine.blocks.held[held].grip,
+            );
             let Some(motion) = &motions[grip] else { continue };
-            let width = self.engine.transfer.width;
-            let transfer = &self.engine.transfer;
+            let width = self.engine.blocks.transfer.width;
+            let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
-            let springs = self.engine.held[held].mask.scale(STIFFNESS);
+            let springs = self.engine.blocks.held[held].mask.scale(STIFFNESS);
             for member in 0..members {
                 let index = block * members + member;
                 let (body, offset) = (
-                    &self.engine.bodies[index],
-                    &self.engine.held[held].offsets_m[member],
+                    &self.engine.blocks.bodies[index],
+                    &self.engine.blocks.held[held].offsets_m[member],
                 );
                 let row = |row: usize| {
                     let nodes = &self.scratch[row * width..(row + 1) * width];
-                    self.engine.transfer.gather_value(member, nodes)
+                    self.engine.blocks.transfer.gather_value(member, nodes)
                 };
                 let stiffness = body.mass_kg * springs;
                 let mut by_mass = row(0);
@@ -466,28 +475,20 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     /// From the table's springs to the heights of the slices.
     fn contact(&mut self) {
         let (members, context) = (self.members(), &self.setup.context);
-        let Some(table_m) = context.table_m else { return };
-        let width = self.engine.transfer.width;
-        let lowest = F::Plain::<I>::of(table_m + 0.5 * context.diameter_m);
-        for block in 0..self.engine.transfer.blocks() {
-            let bodies = &self.engine.bodies[block * members..(block + 1) * members];
-            let mut height = F::Plain::<I>::zero();
-            for body in bodies {
-                height += body.position_m[2];
-            }
-            let gap = height.scale(1.0 / members as f64) - lowest;
-            let Some(near) = self.engine.near(gap) else {
+        let width = self.engine.blocks.transfer.width;
+        for block in 0..self.engine.blocks.transfer.blocks() {
+            let Some((gap, near)) = self.engine.blocks.near_table(block) else {
                 continue;
             };
             let asked = gap.scale(-1.0 / context.dt_s);
-            let transfer = &self.engine.transfer;
+            let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CONTACT_ROWS, &self.contact_bars, &mut self.scratch);
             let mut bar_asked = F::Plain::<I>::zero();
             for member in 0..members {
-                let transfer = &self.engine.transfer;
+                let transfer = &self.engine.blocks.transfer;
                 let bar_stiffness = transfer.gather_value(member, &self.scratch[..width]);
                 let bar_push = transfer.gather_value(member, &self.scratch[width..2 * width]);
-                let mass = self.engine.bodies[block * members + member].mass_kg;
+                let mass = self.engine.blocks.bodies[block * members + member].mass_kg;
                 bar_asked = bar_push.times_plus(mass * near, bar_asked);
                 if self.weighed {
                     let by_mass = asked.times_plus(bar_push, bar_stiffness);
@@ -514,7 +515,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
         for (index, mass) in self.vars.masses_kg.iter().enumerate() {
             let (slice, member) = (index / context.section, index % context.section);
-            let transfer = &self.engine.transfer;
+            let transfer = &self.engine.blocks.transfer;
             self.mass_bars[index] += transfer.weigh_back(slice, member, &self.node_mass_bars);
             session.seed(*mass, self.mass_bars[index]);
         }

@@ -12,9 +12,11 @@ pub use portable::Portable;
 #[cfg(target_arch = "x86_64")]
 pub use x86::{Avx2, Avx512};
 
+use super::blocks::Stepped;
 use super::dual::Dual;
+use super::elastic::fused_dot;
 use super::real::{Arithmetic, Float, Real};
-use super::tensor::{Mat3, Vec3, cross};
+use super::tensor::{Mat3, cross};
 
 /// Most lanes of any register.
 pub const MOST_LANES: usize = 16;
@@ -22,9 +24,9 @@ pub const MOST_LANES: usize = 16;
 /// A set of instructions: which registers it has.
 pub trait Instructions: 'static {
     /// Registers of single precision.
-    type Single: Lanes<Scalar = f32>;
+    type Single: Stepped<Scalar = f32>;
     /// Registers of double precision.
-    type Double: Lanes<Scalar = f64>;
+    type Double: Stepped<Scalar = f64>;
 }
 
 /// A register.
@@ -70,8 +72,20 @@ pub trait Channels<C> {
     const CHANNELS: usize;
     /// One channel.
     fn channel(&self, index: usize) -> C;
+    /// Sets one channel.
+    fn set_channel(&mut self, index: usize, value: C);
+
     /// The number from its channels.
-    fn from_channels(channel: impl FnMut(usize) -> C) -> Self;
+    fn from_channels(mut channel: impl FnMut(usize) -> C) -> Self
+    where
+        Self: Arithmetic,
+    {
+        let mut number = Self::zero();
+        for k in 0..Self::CHANNELS {
+            number.set_channel(k, channel(k));
+        }
+        number
+    }
 }
 
 impl<C: Arithmetic, const N: usize> Channels<C> for Dual<C, N> {
@@ -86,16 +100,12 @@ impl<C: Arithmetic, const N: usize> Channels<C> for Dual<C, N> {
         }
     }
     #[inline(always)]
-    fn from_channels(mut channel: impl FnMut(usize) -> C) -> Self {
-        let value = channel(0);
-        let mut number = Self {
-            value,
-            tangent: [value; N],
-        };
-        for k in 0..N {
-            number.tangent[k] = channel(k + 1);
+    fn set_channel(&mut self, index: usize, value: C) {
+        if index == 0 {
+            self.value = value;
+        } else {
+            self.tangent[index - 1] = value;
         }
-        number
     }
 }
 
@@ -110,8 +120,8 @@ macro_rules! single_channel {
                 *self
             }
             #[inline(always)]
-            fn from_channels(mut channel: impl FnMut(usize) -> $t) -> $t {
-                channel(0)
+            fn set_channel(&mut self, _: usize, value: $t) {
+                *self = value;
             }
         }
     };
@@ -123,7 +133,7 @@ single_channel!(f64);
 /// A number whose rollouts run many particles at once: `f32`, `f64` and their dual numbers.
 pub trait Laned: Real + Channels<<Self as Real>::Base> {
     /// Registers of the number without its derivatives.
-    type Plain<I: Instructions>: Lanes<Scalar = Self::Base>;
+    type Plain<I: Instructions>: Stepped<Scalar = Self::Base>;
     /// The number with a register in place of each of its channels.
     type Wide<I: Instructions>: Arithmetic + Channels<Self::Plain<I>>;
 }
@@ -158,24 +168,28 @@ impl<const N: usize> Laned for Dual<f64, N> {
 fn polar_by_invariants<T: Arithmetic>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
     const MAX_ROUNDS: usize = 40;
     let cofactors = [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])];
-    let j = inner(f[0], cofactors[0]);
-    let column = |b: usize| [f[0][b], f[1][b], f[2][b]];
-    let columns = [column(0), column(1), column(2)];
-    let c = |a: usize, b: usize| inner(columns[a], columns[b]);
-    let (c00, c11, c22, c01, c02, c12) = (c(0, 0), c(1, 1), c(2, 2), c(0, 1), c(0, 2), c(1, 2));
+    let j = fused_dot(f[0], cofactors[0]);
+    let c0 = [f[0][0], f[1][0], f[2][0]];
+    let c1 = [f[0][1], f[1][1], f[2][1]];
+    let c2 = [f[0][2], f[1][2], f[2][2]];
+    let (c00, c11, c22) = (fused_dot(c0, c0), fused_dot(c1, c1), fused_dot(c2, c2));
+    let (c01, c02, c12) = (fused_dot(c0, c1), fused_dot(c0, c2), fused_dot(c1, c2));
     let trace = c00 + c11 + c22;
-    let square = inner(cofactors[0], cofactors[0])
-        + inner(cofactors[1], cofactors[1])
-        + inner(cofactors[2], cofactors[2]);
+    let square = fused_dot(cofactors[0], cofactors[0])
+        + fused_dot(cofactors[1], cofactors[1])
+        + fused_dot(cofactors[2], cofactors[2]);
     let two_j = j + j;
     let mut x = trace.scale(3.0).sqrt();
+    let mut unfinished = T::one();
     for _ in 0..MAX_ROUNDS {
         let t = x.times_plus(x, -trace);
         let value = (t * t).times_plus(T::of(0.25), -two_j.times_plus(x, square));
-        let change = value / t.times_plus(x, -two_j);
-        let falls = change.exceeds(T::of(tolerance));
-        x = T::select(falls, x - change, x);
-        if T::everywhere(T::of(tolerance).exceeds(change)) {
+        let change = unfinished * value / t.times_plus(x, -two_j);
+        x = x - change;
+        // The error after this round is of the order of the square of the change.
+        let more = change.exceeds(T::of(tolerance));
+        unfinished = T::select(more, unfinished, T::zero());
+        if T::everywhere(T::one().exceeds(unfinished)) {
             break;
         }
     }
@@ -187,9 +201,9 @@ fn polar_by_invariants<T: Arithmetic>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
     for a in 0..3 {
         let row = f[a];
         let fc = [
-            inner(row, [c00, c01, c02]),
-            inner(row, [c01, c11, c12]),
-            inner(row, [c02, c12, c22]),
+            fused_dot(row, [c00, c01, c02]),
+            fused_dot(row, [c01, c11, c12]),
+            fused_dot(row, [c02, c12, c22]),
         ];
         for b in 0..3 {
             let sum = of_f.times_plus(row[b], of_cofactors * cofactors[a][b]);
@@ -197,10 +211,4 @@ fn polar_by_invariants<T: Arithmetic>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
         }
     }
     r
-}
-
-/// a · b, fused.
-#[inline(always)]
-fn inner<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> T {
-    a[2].times_plus(b[2], a[1].times_plus(b[1], a[0] * b[0]))
 }

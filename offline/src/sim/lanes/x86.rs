@@ -4,6 +4,7 @@
 //! had been asked for the instructions ([`crate::sim::rollout::simulate`]); every method relies on that.
 
 use super::{Instructions, Lanes, MOST_LANES, polar_by_invariants, single_channel};
+use crate::sim::blocks::{Blocks, Part, Stepped, Stop};
 use crate::sim::real::Arithmetic;
 use crate::sim::tensor::Mat3;
 use std::arch::x86_64::*;
@@ -27,10 +28,13 @@ impl Instructions for Avx512 {
 
 macro_rules! register {
     (
-        $name:ident($inner:ty) of $count:literal $scalar:ty, mask $mask:ty, tolerance $tolerance:expr,
+        $name:ident($inner:ty) of $count:literal $scalar:ty, mask $mask:ty, features $features:literal, tolerance $tolerance:expr,
         $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident $fma:ident
         $splat:ident $zero:ident $load:ident $store:ident,
-        $exceeds:expr, $select:expr, $everywhere:expr, $transpose:expr
+        ($a:ident, $b:ident) => $exceeds:expr,
+        ($chosen:ident, $yes:ident, $no:ident) => $select:expr,
+        ($whole:ident) => $everywhere:expr,
+        $transpose:ident
     ) => {
         /// A register.
         #[derive(Clone, Copy, Debug)]
@@ -66,6 +70,17 @@ macro_rules! register {
             }
         }
 
+        impl Stepped for $name {
+            fn step(blocks: &mut Blocks<Self>, part: &Part<Self>) -> Result<(), Stop> {
+                #[target_feature(enable = $features)]
+                unsafe fn compiled(blocks: &mut Blocks<$name>, part: &Part<$name>) -> Result<(), Stop> {
+                    blocks.step(part)
+                }
+                // SAFETY: see the head of this file.
+                unsafe { compiled(blocks, part) }
+            }
+        }
+
         impl Arithmetic for $name {
             type Mask = $mask;
 
@@ -89,19 +104,22 @@ macro_rules! register {
             }
             #[inline(always)]
             fn exceeds(self, bound: Self) -> $mask {
+                let ($a, $b) = (self.0, bound.0);
                 // SAFETY: see the head of this file.
-                unsafe { $exceeds(self.0, bound.0) }
+                unsafe { $exceeds }
             }
             #[inline(always)]
             fn select(mask: $mask, yes: Self, no: Self) -> Self {
+                let ($chosen, $yes, $no) = (mask, yes.0, no.0);
                 // SAFETY: see the head of this file.
-                Self(unsafe { $select(mask, yes.0, no.0) })
+                Self(unsafe { $select })
             }
             #[inline(always)]
             #[allow(unused_unsafe)]
             fn everywhere(mask: $mask) -> bool {
+                let $whole = mask;
                 // SAFETY: see the head of this file.
-                unsafe { $everywhere(mask) }
+                unsafe { $everywhere }
             }
             #[inline(always)]
             fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
@@ -151,39 +169,39 @@ macro_rules! operator {
 }
 
 register!(
-    Single8(__m256) of 8 f32, mask __m256, tolerance 1e-5,
+    Single8(__m256) of 8 f32, mask __m256, features "avx2,fma", tolerance 3e-4,
     _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_sqrt_ps _mm256_fmadd_ps
     _mm256_set1_ps _mm256_setzero_ps _mm256_loadu_ps _mm256_storeu_ps,
-    |a, b| _mm256_cmp_ps::<_CMP_GT_OQ>(a, b),
-    |mask, yes, no| _mm256_blendv_ps(no, yes, mask),
-    |mask| _mm256_movemask_ps(mask) == 0xff,
+    (a, b) => _mm256_cmp_ps::<_CMP_GT_OQ>(a, b),
+    (mask, yes, no) => _mm256_blendv_ps(no, yes, mask),
+    (of) => _mm256_movemask_ps(of) == 0xff,
     transpose_single8
 );
 register!(
-    Double4(__m256d) of 4 f64, mask __m256d, tolerance 1e-9,
+    Double4(__m256d) of 4 f64, mask __m256d, features "avx2,fma", tolerance 1e-8,
     _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd _mm256_fmadd_pd
     _mm256_set1_pd _mm256_setzero_pd _mm256_loadu_pd _mm256_storeu_pd,
-    |a, b| _mm256_cmp_pd::<_CMP_GT_OQ>(a, b),
-    |mask, yes, no| _mm256_blendv_pd(no, yes, mask),
-    |mask| _mm256_movemask_pd(mask) == 0xf,
+    (a, b) => _mm256_cmp_pd::<_CMP_GT_OQ>(a, b),
+    (mask, yes, no) => _mm256_blendv_pd(no, yes, mask),
+    (of) => _mm256_movemask_pd(of) == 0xf,
     transpose_double4
 );
 register!(
-    Single16(__m512) of 16 f32, mask __mmask16, tolerance 1e-5,
+    Single16(__m512) of 16 f32, mask __mmask16, features "avx512f", tolerance 3e-4,
     _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps _mm512_sqrt_ps _mm512_fmadd_ps
     _mm512_set1_ps _mm512_setzero_ps _mm512_loadu_ps _mm512_storeu_ps,
-    |a, b| _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b),
-    |mask, yes, no| _mm512_mask_blend_ps(mask, no, yes),
-    |mask: __mmask16| mask == 0xffff,
+    (a, b) => _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b),
+    (mask, yes, no) => _mm512_mask_blend_ps(mask, no, yes),
+    (of) => of == 0xffff,
     transpose_single16
 );
 register!(
-    Double8(__m512d) of 8 f64, mask __mmask8, tolerance 1e-9,
+    Double8(__m512d) of 8 f64, mask __mmask8, features "avx512f", tolerance 1e-8,
     _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd _mm512_fmadd_pd
     _mm512_set1_pd _mm512_setzero_pd _mm512_loadu_pd _mm512_storeu_pd,
-    |a, b| _mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b),
-    |mask, yes, no| _mm512_mask_blend_pd(mask, no, yes),
-    |mask: __mmask8| mask == 0xff,
+    (a, b) => _mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b),
+    (mask, yes, no) => _mm512_mask_blend_pd(mask, no, yes),
+    (of) => of == 0xff,
     transpose_double8
 );
 
@@ -193,7 +211,8 @@ register!(
 unsafe fn transpose_double4(rows: &mut [Double4; MOST_LANES]) {
     // SAFETY: see the head of this file.
     unsafe {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|k| rows[k].0);
+        let (a, b) = (rows[0].0, rows[1].0);
+        let (c, d) = (rows[2].0, rows[3].0);
         let (ab, ab_high) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
         let (cd, cd_high) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
         rows[0].0 = _mm256_permute2f128_pd::<0x20>(ab, cd);
@@ -208,7 +227,8 @@ unsafe fn transpose_single8(rows: &mut [Single8; MOST_LANES]) {
     // SAFETY: see the head of this file.
     unsafe {
         for first in [0, 4] {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| rows[first + k].0);
+            let (a, b) = (rows[first].0, rows[first + 1].0);
+            let (c, d) = (rows[first + 2].0, rows[first + 3].0);
             let (ab, ab_high) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
             let (cd, cd_high) = (_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
             rows[first].0 = _mm256_shuffle_ps::<0x44>(ab, cd);
@@ -252,7 +272,8 @@ unsafe fn transpose_single16(rows: &mut [Single16; MOST_LANES]) {
     // SAFETY: see the head of this file.
     unsafe {
         for first in [0, 4, 8, 12] {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| rows[first + k].0);
+            let (a, b) = (rows[first].0, rows[first + 1].0);
+            let (c, d) = (rows[first + 2].0, rows[first + 3].0);
             let (ab, ab_high) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
             let (cd, cd_high) = (_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
             rows[first].0 = _mm512_shuffle_ps::<0x44>(ab, cd);
@@ -262,7 +283,8 @@ unsafe fn transpose_single16(rows: &mut [Single16; MOST_LANES]) {
         }
         // Register k of a group of four holds the quarters of columns k, k + 4, k + 8, k + 12.
         for k in 0..4 {
-            let [a, b, c, d] = [0, 4, 8, 12].map(|group| rows[group + k].0);
+            let (a, b) = (rows[k].0, rows[k + 4].0);
+            let (c, d) = (rows[k + 8].0, rows[k + 12].0);
             let (ab, ab_high) = (
                 _mm512_shuffle_f32x4::<0x44>(a, b),
                 _mm512_shuffle_f32x4::<0xee>(a, b),

@@ -1,0 +1,352 @@
+//! Predictions and how they change with each entry of θ: from tangents, in groups as large as a pass
+//! carries, from secants where a parameter has no useful tangent ([`Slope`]), and without another
+//! simulation where an effect only changes what the cameras report.
+//!
+//! A pass holds only the effects that it asks about and those that are present: one that is at its
+//! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else.
+
+use super::problem::{FitError, Problem};
+use crate::effects::{self, Slope};
+use crate::model::Structure;
+use crate::sim::dual::Dual;
+use crate::sim::real::{Arithmetic, Float};
+use crate::sim::rollout::Track;
+use crate::sim::tensor::{Vec3, lift3, value3};
+use crate::sim::{Real, Rollout};
+use rayon::prelude::*;
+
+/// Most tangents of one pass.
+const MAX_TANGENTS: usize = 12;
+/// Lanes of the slopes of what is seen.
+const SEEN: usize = 8;
+
+/// Points, or their slopes, by frame and slice.
+type Frames = Vec<Vec<[f64; 3]>>;
+
+/// A demonstration as the model predicts it.
+pub(super) struct Trace {
+    /// Arc length of each slice, m.
+    pub(super) arc_m: Vec<f64>,
+    /// Centreline, m.
+    pub(super) frames: Frames,
+    /// Its change per unit of each entry of θ, m.
+    pub(super) slopes: Vec<Frames>,
+}
+
+/// Simulations that give some columns of the Jacobian.
+#[derive(Clone, Debug, PartialEq)]
+enum Pass {
+    /// Tangents with respect to these entries of θ.
+    Tangents(Vec<usize>),
+    /// The change from `from` to `to` of one entry of θ.
+    Secant { column: usize, from: f64, to: f64 },
+}
+
+/// How all entries of θ are differentiated.
+struct Plan {
+    passes: Vec<Pass>,
+    /// Entries that only change what is seen.
+    seen: Vec<usize>,
+}
+
+/// What a pass found of one demonstration.
+struct Part {
+    /// The prediction at θ, where the pass made one.
+    prediction: Option<Prediction>,
+    slopes: Vec<(usize, Frames)>,
+}
+
+/// A prediction without tangents.
+struct Prediction {
+    arc_m: Vec<f64>,
+    frames: Frames,
+    tracks: Vec<Track<f64>>,
+}
+
+fn plan(structure: &Structure, theta: &[f64]) -> Plan {
+    let specs = structure.effects.iter().flat_map(|&e| {
+        let parameters = effects::ALL[e].parameters.iter();
+        parameters.map(move |p| (p, effects::ALL[e].only_seen))
+    });
+    let mut tangents: Vec<usize> = (0..theta.len() - specs.clone().count()).collect();
+    let (mut secants, mut seen) = (Vec::new(), Vec::new());
+    for ((spec, only_seen), column) in specs.zip(tangents.len()..) {
+        if only_seen {
+            seen.push(column);
+            continue;
+        }
+        let value = theta[column];
+        let step = spec.smallest_of_interest;
+        let secant = match spec.slope {
+            Slope::Tangent => false,
+            Slope::SecantNearZero => (value - spec.vanishes_at).abs() < step,
+            Slope::Secant => true,
+        };
+        if secant {
+            secants.push(Pass::Secant {
+                column,
+                from: (value - step).max(spec.low),
+                to: (value + step).min(spec.high),
+            });
+        } else {
+            tangents.push(column);
+        }
+    }
+    let groups = tangents.len().div_ceil(MAX_TANGENTS);
+    let size = tangents.len().div_ceil(groups);
+    let mut passes: Vec<Pass> = tangents
+        .chunks(size)
+        .map(|c| Pass::Tangents(c.to_vec()))
+        .collect();
+    passes.extend(secants);
+    Plan { passes, seen }
+}
+
+/// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,
+/// and effects with an entry in `asked`. The last list says where its entries stand in θ.
+fn needed(structure: &Structure, theta: &[f64], asked: &[usize]) -> (Structure, Vec<usize>) {
+    let count = |e: usize| effects::ALL[e].parameters.len();
+    let total: usize = structure.effects.iter().map(|&e| count(e)).sum();
+    let mut first = theta.len() - total;
+    let mut places: Vec<usize> = (0..first).collect();
+    let mut kept = Structure::default();
+    for &effect in &structure.effects {
+        let mine = first..first + count(effect);
+        let vanishes = effects::ALL[effect]
+            .parameters
+            .iter()
+            .zip(&theta[mine.clone()])
+            .all(|(p, &value)| value == p.vanishes_at);
+        if !vanishes || mine.clone().any(|k| asked.contains(&k)) {
+            kept.effects.push(effect);
+            places.extend(mine.clone());
+        }
+        first = mine.end;
+    }
+    (kept, places)
+}
+
+impl Problem<'_> {
+    /// Every demonstration with slopes for every entry of θ.
+    ///
+    /// # Errors
+    /// A simulation stopped.
+    pub(super) fn traces(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Trace>, FitError> {
+        let Plan { passes, seen } = plan(structure, theta);
+        let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
+            .flat_map(|d| passes.iter().map(move |pass| (d, pass)))
+            .collect();
+        let parts: Vec<Part> = jobs
+            .into_par_iter()
+            .map(|(d, pass)| self.part(d, structure, theta, pass))
+            .collect::<Result<_, _>>()?;
+        let mut parts = parts.into_iter();
+        Ok((0..self.demos.len())
+            .map(|demo| {
+                let mut prediction = None;
+                let mut slopes = vec![Vec::new(); theta.len()];
+                for part in parts.by_ref().take(passes.len()) {
+                    prediction = prediction.or(part.prediction);
+                    for (column, frames) in part.slopes {
+                        slopes[column] = frames;
+                    }
+                }
+                let prediction = prediction.expect("the first pass predicts");
+                for columns in seen.chunks(SEEN) {
+                    for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {
+                        slopes[column] = frames;
+                    }
+                }
+                Trace {
+                    arc_m: prediction.arc_m,
+                    frames: prediction.frames,
+                    slopes,
+                }
+            })
+            .collect())
+    }
+
+    /// Slopes of what the cameras report of a known motion.
+    fn seen_slopes(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        columns: &[usize],
+        prediction: &Prediction,
+    ) -> Vec<(usize, Frames)> {
+        let inputs = inputs::<f64, SEEN>(theta, columns, 0..theta.len());
+        let physics = structure.physics(&inputs, 0.0);
+        let pivot_m = self.scenes[demo].start_m;
+        let lifted = |points: &[[f64; 3]]| points.iter().map(|&p| lift3(p)).collect();
+        let frames: Vec<Vec<Vec3<Dual<f64, SEEN>>>> = prediction
+            .tracks
+            .iter()
+            .map(|track| {
+                let track = Track {
+                    points_m: lifted(&track.points_m),
+                    velocities_m_s: lifted(&track.velocities_m_s),
+                };
+                track.seen(&physics, pivot_m)
+            })
+            .collect();
+        tangents_of(&frames, columns)
+    }
+
+    fn part(&self, demo: usize, structure: &Structure, theta: &[f64], pass: &Pass) -> Result<Part, FitError> {
+        match pass {
+            Pass::Tangents(columns) => match columns.len() {
+                0..=2 => self.tangents::<2>(demo, structure, theta, columns),
+                3 => self.tangents::<3>(demo, structure, theta, columns),
+                4 => self.tangents::<4>(demo, structure, theta, columns),
+                5..=8 => self.tangents::<8>(demo, structure, theta, columns),
+                _ => self.tangents::<MAX_TANGENTS>(demo, structure, theta, columns),
+            },
+            &Pass::Secant { column, from, to } => self.secant(demo, structure, theta, column, [from, to]),
+        }
+    }
+
+    fn tangents<const N: usize>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        columns: &[usize],
+    ) -> Result<Part, FitError> {
+        let (kept, places) = needed(structure, theta, columns);
+        let inputs = inputs::<f32, N>(theta, columns, places);
+        let rollout = self.rollout(demo, &kept, &inputs)?;
+        let slopes = tangents_of(&rollout.frames, columns);
+        Ok(Part {
+            prediction: Some(values(rollout)),
+            slopes,
+        })
+    }
+
+    fn secant(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        column: usize,
+        ends: [f64; 2],
+    ) -> Result<Part, FitError> {
+        let at = |value: f64| {
+            let (kept, places) = needed(structure, theta, &[column]);
+            let entry = |&k: &usize| if k == column { value } else { theta[k] } as f32;
+            let inputs: Vec<f32> = places.iter().map(entry).collect();
+            self.rollout(demo, &kept, &inputs).map(|r| values(r).frames)
+        };
+        let (from, to) = rayon::join(|| at(ends[0]), || at(ends[1]));
+        let (from, to) = (from?, to?);
+        let per_unit = 1.0 / (ends[1] - ends[0]);
+        let slope = |(a, b): (&[f64; 3], &[f64; 3])| std::array::from_fn(|k| (b[k] - a[k]) * per_unit);
+        let frames = from
+            .iter()
+            .zip(&to)
+            .map(|(a, b)| a.iter().zip(b).map(slope).collect())
+            .collect();
+        Ok(Part {
+            prediction: None,
+            slopes: vec![(column, frames)],
+        })
+    }
+}
+
+/// The entries of θ at `places`, those of `columns` as inputs with a lane each.
+fn inputs<F: Float, const N: usize>(
+    theta: &[f64],
+    columns: &[usize],
+    places: impl IntoIterator<Item = usize>,
+) -> Vec<Dual<F, N>> {
+    let input = |k: usize| match columns.iter().position(|&c| c == k) {
+        Some(lane) => Dual::input(theta[k], lane),
+        None => Dual::of(theta[k]),
+    };
+    places.into_iter().map(input).collect()
+}
+
+/// The tangents of frames, lane by lane.
+fn tangents_of<F: Float, const N: usize>(
+    frames: &[Vec<Vec3<Dual<F, N>>>],
+    columns: &[usize],
+) -> Vec<(usize, Frames)> {
+    columns
+        .iter()
+        .enumerate()
+        .map(|(lane, &column)| {
+            let slope = |point: &[Dual<F, N>; 3]| point.map(|x| x.tangent[lane].value());
+            (
+                column,
+                frames.iter().map(|f| f.iter().map(slope).collect()).collect(),
+            )
+        })
+        .collect()
+}
+
+/// The values of a rollout.
+fn values<T: Real>(rollout: Rollout<T>) -> Prediction {
+    let plain = |points: &Vec<Vec3<T>>| points.iter().map(|&point| value3(point)).collect();
+    let track = |track: &Track<T>| Track {
+        points_m: plain(&track.points_m),
+        velocities_m_s: plain(&track.velocities_m_s),
+    };
+    Prediction {
+        frames: rollout.frames.iter().map(plain).collect(),
+        tracks: rollout.tracks.iter().map(track).collect(),
+        arc_m: rollout.arc_m,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn index(id: &str) -> usize {
+        effects::find(id).expect("in the registry")
+    }
+
+    #[test]
+    fn the_whole_library_is_differentiated_once_in_balanced_passes() {
+        let structure = Structure {
+            effects: (0..effects::ALL.len()).collect(),
+        };
+        let theta = structure.start(1e6);
+        let Plan { passes, mut seen } = plan(&structure, &theta);
+        for pass in &passes {
+            match pass {
+                Pass::Tangents(columns) => {
+                    assert!(columns.len() <= MAX_TANGENTS);
+                    seen.extend(columns);
+                }
+                Pass::Secant { column, from, to } => {
+                    assert!(from < to);
+                    seen.push(*column);
+                }
+            }
+        }
+        seen.sort_unstable();
+        assert_eq!(seen, (0..theta.len()).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_pass_leaves_out_what_it_does_not_ask_about_and_what_vanishes() {
+        let structure = Structure {
+            effects: vec![index("tip_mass"), index("steady_wind"), index("clock_offset")],
+        };
+        let mut theta = structure.start(1e6);
+        theta[5] = 0.01;
+        let (kept, places) = needed(&structure, &theta, &[2]);
+        assert_eq!(kept.effects, [index("tip_mass"), index("clock_offset")]);
+        assert_eq!(places, [0, 1, 2, 5]);
+    }
+
+    #[test]
+    fn a_wind_has_a_secant_at_rest_and_a_tangent_when_it_blows() {
+        let structure = Structure {
+            effects: vec![index("steady_wind")],
+        };
+        let at = |q: f64| plan(&structure, &[14.0, 0.3, q, q]).passes.len();
+        assert_eq!((at(0.0), at(4.0)), (3, 1));
+    }
+}

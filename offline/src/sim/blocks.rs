@@ -1,0 +1,372 @@
+//! The particles of a rope in registers, block by block and channel by channel, and what a step does to
+//! them. A block is as many slices as a register has lanes.
+//!
+//! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
+//! kind of register ([`Stepped`]), not once per number type.
+
+use super::clamp::STIFFNESS;
+use super::elastic::{Lame, Strained, StressDifferential};
+use super::lanes::Lanes;
+use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
+use super::real::Real;
+use super::step::CONTACT_NEAR_CELLS;
+use super::tensor::{Mat3, Vec3, add, zero3};
+use super::transfer::Transfer;
+
+/// One channel of the same member of as many slices as a register has lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct Body<L> {
+    /// Deformation gradient.
+    pub deformation_gradient: Mat3<L>,
+    /// Position, m.
+    pub position_m: Vec3<L>,
+    /// Velocity, m/s.
+    pub velocity_m_s: Vec3<L>,
+    /// Mass, kg.
+    pub mass_kg: L,
+}
+
+/// A grip's share in a block.
+pub struct Held<L> {
+    /// The block.
+    pub block: usize,
+    /// The grip.
+    pub grip: usize,
+    /// One in the lanes that the grip holds, zero in the others.
+    pub mask: L,
+    /// Offsets of the members from the grip's first pose, m.
+    pub offsets_m: Vec<Vec3<L>>,
+}
+
+/// One channel of the motion of a grip: its position, m, and its rotation.
+#[derive(Clone, Copy, Debug)]
+pub struct GripMotion<L> {
+    /// Position, m.
+    pub position_m: Vec3<L>,
+    /// Rotation.
+    pub rotation: Mat3<L>,
+}
+
+/// What laws add to the members of a block, by channel, then member.
+pub struct Extra<L> {
+    /// Force times time step, N s.
+    pub impulses: Vec<Vec3<L>>,
+    /// First Piola-Kirchhoff stress, Pa.
+    pub stresses: Vec<Mat3<L>>,
+}
+
+/// The particles in registers, and the nodes' sums.
+pub struct Blocks<L: Lanes> {
+    /// How particles and nodes meet.
+    pub transfer: Transfer<L>,
+    /// Number of channels.
+    pub channels: usize,
+    /// By block, channel, member.
+    pub bodies: Vec<Body<L>>,
+    /// By channel, member: dx Ḟ of the block that was moved last.
+    pub rates: Vec<Mat3<L>>,
+    /// What the laws add in that block.
+    pub extra: Option<Extra<L>>,
+    /// Shares of grips.
+    pub held: Vec<Held<L>>,
+    /// 4 dt V/dx of a particle of each block, m² s.
+    pub stress_scales: Vec<L>,
+    /// Elastic moduli by channel.
+    pub lame: Vec<Lame<L>>,
+    /// Whether any particle's mass has tangents.
+    pub masses_vary: bool,
+    /// Momentum, kg m/s, summed up in a sweep.
+    pub momentum: Rows<L::Scalar>,
+    /// Velocity after the last update, m/s.
+    pub velocity: Rows<L::Scalar>,
+    /// Stiffness of the table as a mass, kg, and that times the velocity it asks for.
+    pub contact: Rows<L::Scalar>,
+    /// Stiffness of the clamps as a mass, kg, and that times the velocity they ask for.
+    pub clamps: Rows<L::Scalar>,
+    /// Whether the table or a clamp acts on a plane in this step.
+    pub constrained: Vec<bool>,
+    /// Time step, s.
+    pub dt_s: f64,
+    /// Node spacing, m.
+    pub spacing_m: f64,
+    /// Height of a slice that lies on the table, m.
+    pub lowest_m: Option<f64>,
+    /// Space for the nodes of each slice of a block.
+    pub nodes: Vec<L>,
+    /// Space for the members of a block.
+    pub differentials: Vec<StressDifferential<L>>,
+}
+
+/// One part of a step.
+pub enum Part<'a, L> {
+    /// Brings a block the velocities of the nodes and moves it.
+    Move(usize),
+    /// Sums up at the nodes what a block gives: inertia, stress, laws, and the table's push.
+    Give(usize),
+    /// Sums up the table's push on a block alone.
+    Press(usize),
+    /// Sums up the springs of a share of a grip; its motion by channel.
+    Clamp(usize, &'a [GripMotion<L>]),
+}
+
+/// A block that cannot go on: member, lane and determinant of the deformation gradient.
+pub struct Stop {
+    /// Member of the slice.
+    pub member: usize,
+    /// Lane, which is the slice of the block.
+    pub lane: usize,
+    /// Not positive, or not a number.
+    pub det: f64,
+}
+
+/// Registers whose instructions a part of a step can be compiled for.
+pub trait Stepped: Lanes {
+    /// Does one part of a step.
+    ///
+    /// # Errors
+    /// A particle is inverted or not finite.
+    fn step(blocks: &mut Blocks<Self>, part: &Part<Self>) -> Result<(), Stop>;
+}
+
+impl<L: Lanes> Blocks<L> {
+    /// Does one part of a step, compiled into its caller.
+    #[inline(always)]
+    pub fn step(&mut self, part: &Part<L>) -> Result<(), Stop> {
+        match *part {
+            Part::Move(block) => {
+                for channel in 0..self.channels {
+                    self.move_bodies(block, channel);
+                }
+            }
+            Part::Give(block) => {
+                for channel in 0..self.channels {
+                    self.give_momentum(block, channel)?;
+                }
+                self.press(block);
+            }
+            Part::Press(block) => self.press(block),
+            Part::Clamp(share, motion) => self.clamp(share, motion),
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn first(&self, block: usize, channel: usize) -> usize {
+        (block * self.channels + channel) * self.transfer.members.len()
+    }
+
+    #[inline(always)]
+    fn move_bodies(&mut self, block: usize, channel: usize) {
+        let members = self.transfer.members.len();
+        self.transfer
+            .read_planes(block, 3, self.velocity.channel(channel), &mut self.nodes);
+        let dt = L::of(self.dt_s);
+        let dt_per_cell = L::of(self.dt_s / self.spacing_m);
+        let first = self.first(block, channel);
+        let bodies = &mut self.bodies[first..first + members];
+        let rates = &mut self.rates[channel * members..(channel + 1) * members];
+        for (member, (body, stored)) in bodies.iter_mut().zip(rates).enumerate() {
+            let (velocity, rate) = self.transfer.gather(block, member, &self.nodes);
+            for a in 0..3 {
+                for b in 0..3 {
+                    let f = &mut body.deformation_gradient[a][b];
+                    *f = rate[a][b].times_plus(dt_per_cell, *f);
+                }
+                body.position_m[a] = velocity[a].times_plus(dt, body.position_m[a]);
+            }
+            body.velocity_m_s = velocity;
+            *stored = rate;
+        }
+    }
+
+    /// Stress in channel 0, its differential in the others; keeps what the others need.
+    #[inline(always)]
+    fn stress(&mut self, block: usize, channel: usize, member: usize) -> Result<Mat3<L>, Stop> {
+        let f = &self.bodies[self.first(block, channel) + member].deformation_gradient;
+        if channel > 0 {
+            return Ok(self.differentials[member].of(f, &self.lame[channel]));
+        }
+        let strained = Strained::new(f);
+        if !L::everywhere(strained.j.exceeds(L::zero())) {
+            return Err(worst(member, strained.j));
+        }
+        if self.channels > 1 {
+            self.differentials.truncate(member);
+            self.differentials
+                .push(StressDifferential::new(&strained, &self.lame[0]));
+        }
+        Ok(strained.piola_stress(&self.lame[0]))
+    }
+
+    /// Inertia, stress and the laws' forces, for one channel of a block.
+    #[inline(always)]
+    fn give_momentum(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
+        let members = self.transfer.members.len();
+        let scale = -self.stress_scales[block];
+        self.nodes.fill(L::zero());
+        for member in 0..members {
+            let mut pk1 = self.stress(block, channel, member)?;
+            let mut at_particle = zero3();
+            if let Some(extra) = &self.extra {
+                at_particle = extra.impulses[channel * members + member];
+                let stress = &extra.stresses[channel * members + member];
+                pk1 = [
+                    add(pk1[0], stress[0]),
+                    add(pk1[1], stress[1]),
+                    add(pk1[2], stress[2]),
+                ];
+            }
+            let value = &self.bodies[self.first(block, 0) + member];
+            let body = &self.bodies[self.first(block, channel) + member];
+            let (rate, rate_value) = (&self.rates[channel * members + member], &self.rates[member]);
+            let mut slope = [zero3(); 3];
+            for a in 0..3 {
+                at_particle[a] = body.velocity_m_s[a].times_plus(value.mass_kg, at_particle[a]);
+                for b in 0..3 {
+                    slope[a][b] = pk1[a][b].times_plus(scale, rate[a][b] * value.mass_kg);
+                }
+                if channel > 0 && self.masses_vary {
+                    at_particle[a] = value.velocity_m_s[a].times_plus(body.mass_kg, at_particle[a]);
+                    for b in 0..3 {
+                        slope[a][b] = rate_value[a][b].times_plus(body.mass_kg, slope[a][b]);
+                    }
+                }
+            }
+            self.transfer
+                .scatter(block, member, &at_particle, &slope, &mut self.nodes);
+        }
+        let momentum = self.momentum.channel_mut(channel);
+        self.transfer.add_to_planes(block, 3, true, &self.nodes, momentum);
+        Ok(())
+    }
+
+    /// The table's springs under every slice near the table, as [`super::step`] has them.
+    #[inline(always)]
+    fn press(&mut self, block: usize) {
+        let Some((gap, near)) = self.near_table(block) else {
+            return;
+        };
+        let pull = L::of(-1.0 / self.dt_s);
+        let (width, first) = (self.transfer.width, self.first(block, 0));
+        for channel in 0..self.channels {
+            let own = self.first(block, channel);
+            let asked = gap * pull;
+            let asked_of = if channel == 0 {
+                asked
+            } else {
+                self.mean_height(block, channel) * pull
+            };
+            self.nodes.fill(L::zero());
+            for member in 0..self.transfer.members.len() {
+                let stiffness = self.bodies[first + member].mass_kg * near;
+                let change = self.bodies[own + member].mass_kg * near;
+                let mut product = stiffness * asked_of;
+                if channel > 0 {
+                    product = change.times_plus(asked, product);
+                }
+                let (rows, push) = self.nodes.split_at_mut(width);
+                self.transfer.scatter_value(member, change, rows);
+                self.transfer.scatter_value(member, product, push);
+            }
+            let contact = self.contact.channel_mut(channel);
+            self.transfer
+                .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
+        }
+        self.mark(block, near);
+    }
+
+    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice is near it, zero in the
+    /// others; none if all are far.
+    #[inline(always)]
+    pub fn near_table(&self, block: usize) -> Option<(L, L)> {
+        let gap = self.mean_height(block, 0) - L::of(self.lowest_m?);
+        let far = gap.exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
+        (!L::everywhere(far)).then(|| (gap, L::select(far, L::zero(), L::of(STIFFNESS))))
+    }
+
+    /// One channel of the mean height of each slice of a block, m.
+    #[inline(always)]
+    fn mean_height(&self, block: usize, channel: usize) -> L {
+        let members = self.transfer.members.len();
+        let first = self.first(block, channel);
+        let mut height = L::zero();
+        for body in &self.bodies[first..first + members] {
+            height += body.position_m[2];
+        }
+        height.scale(1.0 / members as f64)
+    }
+
+    /// A grip's springs on its share of a block.
+    #[inline(always)]
+    fn clamp(&mut self, share: usize, motion: &[GripMotion<L>]) {
+        let held = &self.held[share];
+        let (block, mask) = (held.block, held.mask);
+        let (width, first) = (self.transfer.width, self.first(block, 0));
+        let per_step = L::of(1.0 / self.dt_s);
+        let springs = mask.scale(STIFFNESS);
+        for channel in 0..self.channels {
+            let own = self.first(block, channel);
+            self.nodes.fill(L::zero());
+            for member in 0..self.transfer.members.len() {
+                let (value, body) = (&self.bodies[first + member], &self.bodies[own + member]);
+                let (stiffness, change) = (value.mass_kg * springs, body.mass_kg * springs);
+                let offset = &held.offsets_m[member];
+                let velocity = gap(&motion[channel], offset, &body.position_m, per_step);
+                let velocity_value = gap(&motion[0], offset, &value.position_m, per_step);
+                self.transfer
+                    .scatter_value(member, change, &mut self.nodes[..width]);
+                for a in 0..3 {
+                    let mut product = stiffness * velocity[a];
+                    if channel > 0 {
+                        product = change.times_plus(velocity_value[a], product);
+                    }
+                    let row = &mut self.nodes[(a + 1) * width..(a + 2) * width];
+                    self.transfer.scatter_value(member, product, row);
+                }
+            }
+            let clamps = self.clamps.channel_mut(channel);
+            self.transfer
+                .add_to_planes(block, CLAMP_ROWS, false, &self.nodes, clamps);
+        }
+        self.mark(block, mask);
+    }
+
+    /// Marks the planes that the slices with a number other than zero meet as constrained.
+    #[inline(always)]
+    fn mark(&mut self, block: usize, marked: L) {
+        let lanes = marked.to_lanes();
+        for (lane, mark) in lanes.iter().enumerate().take(L::COUNT) {
+            if mark.value() != 0.0 {
+                let plane = self.transfer.slices[block * L::COUNT + lane].plane;
+                self.constrained[plane..plane + 3].fill(true);
+            }
+        }
+    }
+}
+
+/// One channel of what is missing from a gripped particle to its place, times a factor.
+#[inline(always)]
+fn gap<L: Lanes>(motion: &GripMotion<L>, offset_m: &Vec3<L>, position_m: &Vec3<L>, factor: L) -> Vec3<L> {
+    let mut gap = *position_m;
+    for a in 0..3 {
+        gap[a] = motion.position_m[a] - position_m[a];
+        for b in 0..3 {
+            gap[a] = motion.rotation[a][b].times_plus(offset_m[b], gap[a]);
+        }
+        gap[a] = gap[a] * factor;
+    }
+    gap
+}
+
+/// The first lane whose determinant is not positive.
+#[cold]
+fn worst<L: Lanes>(member: usize, j: L) -> Stop {
+    let lanes = j.to_lanes();
+    let bad = |lane: &usize| lanes[*lane].value() <= 0.0 || lanes[*lane].value().is_nan();
+    let lane = (0..L::COUNT).find(bad).unwrap_or(0);
+    Stop {
+        member,
+        lane,
+        det: lanes[lane].value(),
+    }
+}

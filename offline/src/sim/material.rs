@@ -1,0 +1,269 @@
+//! What the laws make of the rope's material: its stress-free shape, which plastic flow changes, and
+//! the bending stiffness of its slices.
+//!
+//! **Stress-free shape.** A particle at the offset y from the axis of a rope whose natural curvature is
+//! k is stress-free under G = diag(1 − k·y, 1, 1) in (s, side, up), up to a rotation: that is the exact
+//! gradient of a twist-free rod of this curvature (Bishop 1975). The energy density is then ψ(F A) with
+//! A = G⁻¹ per stress-free volume, so P = det(A)⁻¹ P_e(F A) Aᵀ. Plastic flow multiplies A (Lee 1969).
+//!
+//! **Bending stiffness.** With F̄ the mean of F A over a slice's particles, the slice's energy becomes the mean
+//! of c ψ(F A) + (1 − c) ψ(F̄): what the particles have in common, stretch and shear, keeps its
+//! stiffness, and what differs over the section, bending and twist, has c times as much. It scales
+//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not: that
+//! left a soft first slice at a clamp a quarter too stiff. F̄ turns with the rope, so it is invariant.
+//!
+//! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
+//! material coordinates.
+
+use super::elastic::{Lame, energy_density, piola_stress};
+use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
+use super::real::Real;
+use super::rope::RopeLayout;
+use super::tensor::{
+    Mat3, add, det, identity, matmul, matmul_transposed, mul, transpose, transpose_inverse, zero3,
+};
+
+/// State of the material, particle by particle and slice by slice. Lists are empty where nothing needs
+/// them.
+#[derive(Clone, Debug)]
+pub struct Material<T> {
+    /// A = G⁻¹ per particle.
+    natural_inverse: Vec<Mat3<T>>,
+    /// Bending stiffness c per slice, as a multiple of the solid section's.
+    bending: Vec<T>,
+    /// (1 − c) P(F̄) per slice at the present step, Pa.
+    common_pa: Vec<Mat3<T>>,
+    /// What each memory law remembers, by law and particle.
+    memories: Vec<Vec<Mat3<T>>>,
+    /// Particles per slice.
+    section: usize,
+}
+
+/// Deformation gradient of a particle and its rate.
+pub type Motion<'a, T> = (&'a Mat3<T>, &'a Mat3<T>);
+
+impl<T: Real> Material<T> {
+    /// The material before the first step.
+    pub fn new(physics: &Physics<T>, layout: &RopeLayout, mouths: &[Mouth]) -> Self {
+        let count = layout.particles();
+        let blank = || vec![[zero3(); 3]; count];
+        let mut material = Self {
+            natural_inverse: Vec::new(),
+            bending: Vec::new(),
+            common_pa: Vec::new(),
+            memories: physics.memory_laws.iter().map(|_| blank()).collect(),
+            section: layout.section_m.len(),
+        };
+        if !(physics.shape_laws.is_empty() && physics.flow_laws.is_empty()) {
+            material.natural_inverse = natural_inverse(physics, layout);
+        }
+        if !physics.bending_laws.is_empty() {
+            let radius = 0.5 * layout.shape.diameter_m;
+            let point = BendingPoint {
+                layout,
+                mouths,
+                solid_n_m2: physics
+                    .young_pa
+                    .scale(std::f64::consts::FRAC_PI_4 * radius.powi(4)),
+            };
+            material.bending = vec![T::one(); layout.slices.len()];
+            for law in &physics.bending_laws {
+                law.change_stiffness(&point, &mut material.bending);
+            }
+            material.common_pa = vec![[zero3(); 3]; layout.slices.len()];
+        }
+        material
+    }
+
+    /// Largest bending stiffness, at least one: it bounds the time step as the modulus does.
+    pub fn largest_bending(&self) -> f64 {
+        self.bending.iter().map(|c| c.value()).fold(1.0, f64::max)
+    }
+
+    /// Lets the material flow and remember, and takes down what the slices' particles have in common;
+    /// called at the start of a step of `dt_s` with the particles' motion.
+    #[inline(always)]
+    pub fn advance<'a>(&mut self, physics: &Physics<T>, dt_s: f64, motion: impl Fn(usize) -> Motion<'a, T>) {
+        if !physics.flow_laws.is_empty() {
+            for (index, inverse) in self.natural_inverse.iter_mut().enumerate() {
+                for law in &physics.flow_laws {
+                    if let Some(relaxed) = law.relaxation(&matmul(motion(index).0, inverse)) {
+                        *inverse = matmul(inverse, &relaxed);
+                    }
+                }
+            }
+        }
+        for (law, memories) in physics.memory_laws.iter().zip(&mut self.memories) {
+            for (index, memory) in memories.iter_mut().enumerate() {
+                let (f, rate) = motion(index);
+                law.remember(memory, &strain_rate(f, rate), dt_s);
+            }
+        }
+        for slice in 0..self.common_pa.len() {
+            let mean = self.mean(slice, |index| motion(index).0);
+            let (stress, _) = piola_stress(&mean, &physics.lame());
+            let share = T::one() - self.bending[slice];
+            self.common_pa[slice] = stress.map(|row| mul(row, share));
+        }
+    }
+
+    /// F A of a particle.
+    #[inline(always)]
+    fn elastic(&self, index: usize, f: &Mat3<T>) -> Mat3<T> {
+        match self.natural_inverse.get(index) {
+            Some(a) => matmul(f, a),
+            None => *f,
+        }
+    }
+
+    /// F̄ of a slice.
+    fn mean<'a>(&self, slice: usize, gradients: impl Fn(usize) -> &'a Mat3<T>) -> Mat3<T> {
+        let mut sum: Mat3<T> = [zero3(); 3];
+        for index in slice * self.section..(slice + 1) * self.section {
+            let f = self.elastic(index, gradients(index));
+            for k in 0..3 {
+                sum[k] = add(sum[k], f[k]);
+            }
+        }
+        sum.map(|row| row.map(|x| x.scale(1.0 / self.section as f64)))
+    }
+
+    /// First Piola-Kirchhoff stress of a particle in motion, and the determinant of its elastic part.
+    #[inline(always)]
+    pub fn piola(
+        &self,
+        index: usize,
+        (f, rate): Motion<T>,
+        physics: &Physics<T>,
+        lame: &Lame<T>,
+    ) -> (Mat3<T>, T) {
+        let bending = self.bending.get(index / self.section);
+        let (mut pk1, j) = match self.natural_inverse.get(index) {
+            None => elastic_piola((f, rate), bending, physics, lame),
+            Some(a) => {
+                let elastic = (&matmul(f, a), &matmul(rate, a));
+                let (stress, j) = elastic_piola(elastic, bending, physics, lame);
+                let volume = T::one() / det(a);
+                (matmul_transposed(&stress, a).map(|row| mul(row, volume)), j)
+            }
+        };
+        if let Some(common) = self.common_pa.get(index / self.section) {
+            let common = match self.natural_inverse.get(index) {
+                Some(a) => matmul_transposed(common, a),
+                None => *common,
+            };
+            add_to(&mut pk1, &common);
+        }
+        for (law, memories) in physics.memory_laws.iter().zip(&self.memories) {
+            add_to(&mut pk1, &matmul(f, &law.second_piola_pa(&memories[index], lame)));
+        }
+        (pk1, j)
+    }
+
+    /// Stored energy of the rope, J: elasticity with its slices' bending stiffness, and the energies of
+    /// stress laws. `gradients` are the particles' deformation gradients, `volume_m3` their volumes.
+    pub fn energy_j<'a>(
+        &self,
+        physics: &Physics<T>,
+        gradients: impl Fn(usize) -> &'a Mat3<T>,
+        volume_m3: &[f64],
+    ) -> T {
+        let lame = physics.lame();
+        let mut sum = T::zero();
+        for (index, &volume) in volume_m3.iter().enumerate() {
+            let elastic = self.elastic(index, gradients(index));
+            let mut density = energy_density(&elastic, &lame);
+            if let Some(&c) = self.bending.get(index / self.section) {
+                density = density * c;
+            }
+            let point = StressPoint {
+                deformation_gradient: &elastic,
+                velocity_gradient: &[zero3(); 3],
+                volume_ratio: det(&elastic),
+                lame: &lame,
+            };
+            for law in &physics.stress_laws {
+                density += law.energy_j_m3(&point).unwrap_or(T::zero());
+            }
+            if let Some(a) = self.natural_inverse.get(index) {
+                density = density / det(a);
+            }
+            sum += density.scale(volume);
+        }
+        for (slice, &c) in self.bending.iter().enumerate() {
+            let common = energy_density(&self.mean(slice, &gradients), &lame);
+            let members = slice * self.section..(slice + 1) * self.section;
+            sum += ((T::one() - c) * common).scale(volume_m3[members].iter().sum());
+        }
+        sum
+    }
+}
+
+fn add_to<T: Real>(sum: &mut Mat3<T>, more: &Mat3<T>) {
+    for k in 0..3 {
+        sum[k] = add(sum[k], more[k]);
+    }
+}
+
+/// Rate of the Green strain, ½ (FᵀḞ + ḞᵀF), 1/s.
+fn strain_rate<T: Real>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
+    let half = matmul(&transpose(f), rate);
+    std::array::from_fn(|a| std::array::from_fn(|b| (half[a][b] + half[b][a]).scale(0.5)))
+}
+
+/// A = G⁻¹ of every particle for the curvatures of the shape laws.
+fn natural_inverse<T: Real>(physics: &Physics<T>, layout: &RopeLayout) -> Vec<Mat3<T>> {
+    (0..layout.particles())
+        .map(|index| {
+            let y = layout.section_m[index % layout.section_m.len()];
+            let mut stretch = T::one();
+            for law in &physics.shape_laws {
+                let k = law.curvature_per_m(layout.slice_of(index).arc_m);
+                stretch -= k[0].scale(y[0]) + k[1].scale(y[1]);
+            }
+            let mut inverse = identity();
+            inverse[0][0] = T::one() / stretch;
+            inverse
+        })
+        .collect()
+}
+
+/// Elasticity, times the bending stiffness, and the stress laws: c P + τ F⁻ᵀ, and det F.
+#[inline(always)]
+fn elastic_piola<T: Real>(
+    (f, rate): Motion<T>,
+    bending: Option<&T>,
+    physics: &Physics<T>,
+    lame: &Lame<T>,
+) -> (Mat3<T>, T) {
+    let (mut pk1, j) = piola_stress(f, lame);
+    if let Some(&c) = bending {
+        pk1 = pk1.map(|row| mul(row, c));
+    }
+    if !physics.stress_laws.is_empty() {
+        add_stress_laws((f, rate), physics, lame, j, &mut pk1);
+    }
+    (pk1, j)
+}
+
+/// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
+pub(super) fn add_stress_laws<T: Real>(
+    (f, rate): Motion<T>,
+    physics: &Physics<T>,
+    lame: &Lame<T>,
+    j: T,
+    pk1: &mut Mat3<T>,
+) {
+    let inverse_transposed = transpose_inverse(f);
+    // L = Ḟ F⁻¹.
+    let velocity_gradient = matmul_transposed(rate, &inverse_transposed);
+    for law in &physics.stress_laws {
+        let kirchhoff = law.kirchhoff_pa(&StressPoint {
+            deformation_gradient: f,
+            velocity_gradient: &velocity_gradient,
+            volume_ratio: j,
+            lame,
+        });
+        add_to(pk1, &matmul(&kirchhoff, &inverse_transposed));
+    }
+}
