@@ -1,4 +1,4 @@
-//! The ordinary thread between the loop and the world: it carries goals, commands and arm states to the
+//! The second thread, between the loop and the world: it carries goals, commands and arm states to the
 //! loop, targets and statuses from it. It may allocate and wait; the loop never waits for it.
 
 use crate::clock;

@@ -82,6 +82,9 @@ pub const BRIDGE_LEAD_US: u64 = 100;
 /// Priority of the loop: above ordinary programs, below the kernel's own threads.
 pub const FIFO_PRIORITY: i32 = 80;
 
+/// Priority of the bridge: above ordinary programs, below the loop.
+pub const BRIDGE_PRIORITY: i32 = 40;
+
 const _: () = assert!(LOOP_RATE_MIN_HZ <= TARGET_RATE_MAX_HZ);
 const _: () = assert!(RESUME_DISTANCE_MAX_RAD < FOLLOWING_ERROR_MAX_RAD);
 const _: () = assert!(GOAL_AHEAD_MAX_NS < GOAL_AGE_MAX_NS);

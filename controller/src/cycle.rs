@@ -98,8 +98,10 @@ pub struct Cycle<'a> {
     queues: &'a Queues,
     dry_run: bool,
     last: Option<JointTarget>,
-    /// The goal taken last.
+    /// The goal taken last, until its first target is out.
     goal: Option<Goal>,
+    /// Whether this turn judged a goal.
+    judged: bool,
 }
 
 impl<'a> Cycle<'a> {
@@ -111,6 +113,7 @@ impl<'a> Cycle<'a> {
             dry_run,
             last: None,
             goal: None,
+            judged: false,
         }
     }
 
@@ -136,6 +139,7 @@ impl<'a> Cycle<'a> {
     pub fn turn(&mut self, now_ns: u64, missed: u64, write: &mut dyn FnMut(&JointTarget)) -> Output {
         let inputs = self.gather(now_ns, missed);
         self.goal = inputs.goal.or(self.goal);
+        self.judged = inputs.goal.is_some();
         let output = self.controller.step(&inputs, now_ns);
         if let Some(target) = &output.target {
             if !self.dry_run {
@@ -187,7 +191,10 @@ impl<'a> Cycle<'a> {
             let done_ns = clock::now_ns();
             timing.note(deadline_ns, woke_ns, done_ns);
             if let Some(sent_ns) = self.first_served_ns(&output) {
-                timing.note_goal(sent_ns, woke_ns, done_ns);
+                timing.note_goal(sent_ns, done_ns);
+            }
+            if self.judged {
+                timing.note_answer(woke_ns, done_ns);
             }
             if output.ended {
                 break;

@@ -292,7 +292,7 @@ fn print_loop(load: &str, report: &LoopReport) {
     }
     line("period jitter", &report.jitter);
     line("turn", &report.turn);
-    line("planning turn", &report.answer);
+    line("with a goal", &report.answer);
     line("goal to target", &report.goal_to_first_target);
     println!("  {:<15}{} goals", "", report.goal_to_first_target.count);
 }

@@ -1,7 +1,7 @@
 //! What the loop's thread asks of the operating system. Each wish may be refused; then the controller
 //! runs without it and says so in every status.
 
-use crate::constants::FIFO_PRIORITY;
+use crate::constants::{BRIDGE_PRIORITY, FIFO_PRIORITY};
 use shared::messages::degraded;
 use std::fs::File;
 use std::io::Write;
@@ -19,7 +19,7 @@ pub fn prepare_thread() -> u32 {
     if !flush_denormals() {
         refused |= degraded::NO_FLUSH_TO_ZERO;
     }
-    if !real_time_priority() {
+    if !real_time_priority(FIFO_PRIORITY) {
         refused |= degraded::NO_FIFO;
     }
     refused
@@ -96,12 +96,18 @@ pub fn bind_to(cpu: usize) -> bool {
     }
 }
 
-fn real_time_priority() -> bool {
-    let parameter = libc::sched_param {
-        sched_priority: FIFO_PRIORITY,
-    };
+/// Lets the calling thread, the bridge, go before ordinary programs, so that a busy machine delays neither
+/// goals nor emergency stops. What it starts later is ordinary. Where it is refused the loop is too, and
+/// says so.
+pub fn prefer_bridge() -> bool {
+    real_time_priority(BRIDGE_PRIORITY)
+}
+
+fn real_time_priority(sched_priority: i32) -> bool {
+    let parameter = libc::sched_param { sched_priority };
+    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
     // SAFETY: the structure outlives the call; 0 is the calling thread.
-    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) == 0 }
+    unsafe { libc::sched_setscheduler(0, policy, &parameter) == 0 }
 }
 
 /// Denormal operands cost a hundred cycles each; results and inputs below 1e-38 become zero instead.

@@ -149,6 +149,7 @@ pub fn serve(options: &Options) -> Result<()> {
 /// The work of the second thread until the loop has ended; returns the last status.
 fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>) -> Status {
     let mut newest = Status::default();
+    rt::prefer_bridge();
     while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
         bridge.round(queues, &mut |status| tell(status, &mut newest));
         bridge.rest(queues);
@@ -256,7 +257,10 @@ fn summarise(timing: &Timing, last: &Status) {
     );
     eprintln!("controller: wake-up {}", timing.wake());
     eprintln!("controller: turn    {}", timing.turn());
-    eprintln!("controller: of these, turns that planned {}", timing.answer());
+    eprintln!(
+        "controller: of these, turns that judged a goal {}",
+        timing.answer()
+    );
     eprintln!("controller: goal to first target {}", timing.goal());
 }
 

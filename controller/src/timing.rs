@@ -165,10 +165,13 @@ impl Timing {
         self.last_woke_ns = woke_ns;
     }
 
-    /// Notes that the turn from `woke_ns` to `done_ns` planned a goal stamped `sent_ns` and sent its first
-    /// target.
-    pub fn note_goal(&mut self, sent_ns: u64, woke_ns: u64, done_ns: u64) {
+    /// Notes that the turn from `woke_ns` to `done_ns` judged a goal.
+    pub fn note_answer(&mut self, woke_ns: u64, done_ns: u64) {
         self.answer_ns.saturating_record(done_ns.saturating_sub(woke_ns));
+    }
+
+    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`.
+    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64) {
         self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
     }
 
@@ -233,7 +236,7 @@ impl Timing {
         &self.jitter_ns
     }
 
-    /// How long those turns took that planned a goal.
+    /// How long those turns took that judged a goal.
     pub fn answer(&self) -> Percentiles {
         (&self.answer_ns).into()
     }
@@ -258,7 +261,7 @@ mod tests {
         let mut timing = Timing::default();
         timing.note(1000, 1010, 1030);
         timing.note(2000, 2005, 2025);
-        timing.note_goal(500, 880, 900);
+        timing.note_goal(500, 900);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
         assert_eq!(timing.period().max_ns, 995);

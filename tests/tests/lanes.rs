@@ -7,9 +7,9 @@ use offline::effects;
 use offline::sim::clamp::ClampPath;
 use offline::sim::rollout::simulate_one_by_one;
 use offline::sim::rope::RopeShape;
-use offline::sim::scene::{Grip, Scene, Table};
+use offline::sim::scene::{Grip, Scene, StepLength, Table};
 use offline::sim::tensor::value3;
-use offline::sim::{Arithmetic, Dual, Laned, Physics, Real, Rollout, simulate};
+use offline::sim::{Arithmetic, Cause, Dual, Laned, Physics, Real, Rollout, simulate};
 use shared::task::SwingTask;
 use tests::derivatives::effects_where;
 
@@ -140,4 +140,40 @@ fn every_tangent_is_the_same() {
         println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
         assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
     }
+}
+
+/// At this stiffness the longest step depends on E. With a step that the caller fixes, the tangent is the
+/// derivative of what is simulated.
+#[test]
+fn a_fixed_step_makes_the_tangent_exact() {
+    let mut scene = lift(1.5);
+    scene.step = StepLength::Fixed(5e-5);
+    let run = |young_pa: f64| simulate(&scene, &Physics::base(young_pa, 0.3, 0.4)).unwrap();
+    let tangent = simulate(
+        &scene,
+        &Physics::base(Dual::<f64, 1>::input(2.0e6, 0), Dual::of(0.3), Dual::of(0.4)),
+    )
+    .unwrap();
+    let h = 1.0;
+    let (plus, minus) = (run(2.0e6 + h), run(2.0e6 - h));
+    let (mut largest, mut size) = (0.0f64, 0.0f64);
+    for (s, slice) in tangent.frames[0].iter().enumerate() {
+        for k in 0..3 {
+            let difference = (plus.frames[0][s][k] - minus.frames[0][s][k]) / (2.0 * h);
+            largest = largest.max((slice[k].tangent[0] - difference).abs());
+            size = size.max(difference.abs());
+        }
+    }
+    println!("tangents up to {size:.2e} m/Pa, off by {largest:.1e}");
+    assert!(largest < 1e-4 * size, "{largest} of {size}");
+}
+
+#[test]
+fn a_fixed_step_that_is_not_stable_is_refused() {
+    let mut scene = lift(1.5);
+    scene.step = StepLength::Fixed(1e-3);
+    let error = simulate(&scene, &Physics::base(2.0e6, 0.3, 0.4)).unwrap_err();
+    assert!(matches!(error.cause, Cause::StepTooLong { .. }), "{error}");
+    scene.step = StepLength::Fixed(f64::NAN);
+    assert!(simulate(&scene, &Physics::base(2.0e6, 0.3, 0.4)).is_err());
 }

@@ -17,6 +17,7 @@ use shared::arm::LEVEL_POSTURE_RAD;
 use shared::blob::Blob;
 use shared::messages::{CommandKind, Phase, RobotState, Status};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::time::{Duration, Instant};
 
 static REFUSED: AtomicU32 = AtomicU32::new(0);
@@ -33,23 +34,34 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Runs the loop for `duration` and returns what it noted and the cycles it missed.
 pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)> {
-    let instance = Instance::new(&format!("bench-{}", std::process::id()))?;
+    let instance = &Instance::new(&format!("bench-{}", std::process::id()))?;
     let session = instance.start()?;
     let queues = Queues::new(false);
     let node = services::node(session.config())?;
     let mut newest = Status::default();
     let timing = std::thread::scope(|scope| {
         let (config, queues) = (session.config(), &queues);
-        let (report, ready) = std::sync::mpsc::channel();
-        let thread = scope.spawn(move || run_loop(blob, rate, config, queues, &report));
-        // The blackboard has to be there before clients come.
+        let (report, ready) = mpsc::channel();
+        let (go, started) = mpsc::channel();
+        let told = report.clone();
+        let thread = scope.spawn(move || run_loop(blob, rate, config, queues, &told, &started));
+        // The blackboard has to be there before clients come, and they before the loop starts: what
+        // connecting costs the machine is not what is measured here.
         if ready.recv().is_err() {
             return thread.join().expect("the loop's thread does not panic");
         }
         let mut bridge = Bridge::new(&node)?;
         session.announce()?;
-        let arm = scope.spawn(|| play_arm(instance.name(), queues));
-        let client = scope.spawn(|| send_goals(blob, instance.name(), queues));
+        let (told_arm, told_client) = (report.clone(), report);
+        let arm = scope.spawn(move || play_arm(instance.name(), queues, &told_arm));
+        let client = scope.spawn(move || send_goals(blob, instance.name(), queues, &told_client));
+        if ready.recv().is_ok() && ready.recv().is_ok() {
+            go.send(())?;
+        } else {
+            queues.ended.store(true, Ordering::Release);
+        }
+        drop(go);
+        rt::prefer_bridge();
         let start = Instant::now();
         while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
             bridge.round(queues, &mut |status| newest = *status);
@@ -73,7 +85,8 @@ fn run_loop(
     rate: Rate,
     config: &Config,
     queues: &Queues,
-    ready: &std::sync::mpsc::Sender<()>,
+    ready: &Sender<()>,
+    go: &Receiver<()>,
 ) -> Result<Timing> {
     let mut timing = Timing::default();
     let node = services::node(config)?;
@@ -89,7 +102,8 @@ fn run_loop(
         degraded: refused,
     };
     let mut cycle = Cycle::new(Controller::new(setup), queues, false);
-    ready.send(()).context("the benchmark has ended")?;
+    ready.send(())?;
+    go.recv().context("an arm or a client could not connect")?;
     cycle.run(rate.cycle_ns(), &mut timing, &mut |target| {
         writer.update_with_copy(*target)
     });
@@ -100,8 +114,9 @@ fn ends(queues: &Queues) -> bool {
     queues.shutdown.load(Ordering::Relaxed) || queues.ended.load(Ordering::Acquire)
 }
 
-fn play_arm(instance: &str, queues: &Queues) -> Result<()> {
+fn play_arm(instance: &str, queues: &Queues, ready: &Sender<()>) -> Result<()> {
     let mut port = Client::connect(instance, PATIENCE)?.arm()?;
+    ready.send(())?;
     let mut state = RobotState {
         q_rad: LEVEL_POSTURE_RAD,
         ..RobotState::default()
@@ -119,8 +134,9 @@ fn play_arm(instance: &str, queues: &Queues) -> Result<()> {
 }
 
 /// One goal after the other, each cancelled soon, so that many can be timed.
-fn send_goals(blob: &Blob, instance: &str, queues: &Queues) -> Result<()> {
+fn send_goals(blob: &Blob, instance: &str, queues: &Queues, ready: &Sender<()>) -> Result<()> {
     let mut client = Client::connect(instance, PATIENCE)?;
+    ready.send(())?;
     let reach_m = blob.ropes[0].reach_m;
     for k in 0u64.. {
         wait_until_idle(&mut client, queues)?;

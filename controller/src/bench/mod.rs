@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Longest stretch of one measurement before the other gets its turn: what else the machine does then
 /// meets both alike.
-const SLICE: Duration = Duration::from_secs(1);
+const SLICE: Duration = Duration::from_secs(2);
 
 /// What to measure.
 pub struct Settings<'a> {
@@ -70,7 +70,7 @@ pub struct LoopReport {
     pub jitter: Percentiles,
     /// How long a turn took, planning of goals included.
     pub turn: Percentiles,
-    /// Those turns that planned a goal. Here they come ten times a second, in earnest every ten seconds.
+    /// Those turns that judged a goal. Here they come ten times a second, in earnest every ten seconds.
     pub answer: Percentiles,
     /// From a client's goal to its first target, through iceoryx2 and the bridge.
     pub goal_to_first_target: Percentiles,

@@ -48,6 +48,14 @@ pub enum Cause {
         /// Free length of rope between them, m.
         length_m: f64,
     },
+    /// A fixed time step is not stable.
+    #[error("a time step of {dt_s:.2e} s is not stable here: choose one of at most {longest_s:.2e} s")]
+    StepTooLong {
+        /// The step, s.
+        dt_s: f64,
+        /// The longest that is stable, s.
+        longest_s: f64,
+    },
     /// A gradient does not fit into the memory that it may use.
     #[error(
         "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"

@@ -338,7 +338,7 @@ impl<'a, T: Real> Setup<'a, T> {
         check_parameters(physics)?;
         scene.check()?;
         let layout = scene.layout();
-        let dt_s = time_step_s(scene, physics);
+        let dt_s = scene.chosen_step_s(time_step_s(scene, physics))?;
         // Before anything of the size of the rope is built.
         // A camera's clock that is behind sees the rope later than it says.
         let late_s = (-physics.clock_offset_s().value()).max(0.0);

@@ -1,5 +1,6 @@
 //! Cases that miss their tolerance, with the cause. The tolerance stays, the case stays a failure, and a
-//! test keeps this list equal to what fails: neither a new miss nor a mended one goes unseen.
+//! test keeps the list of the quick extent equal to what fails: neither a new miss nor a mended one goes
+//! unseen.
 
 use super::case::Case;
 
@@ -8,7 +9,7 @@ pub const MISSES: [(&str, &str); 4] = [
     (
         "energy without damping, loss per period",
         "each step's transfer through the particles drops what of a velocity field is not affine within a \
-         cell; the loss falls with the spacing",
+         cell: 7.6 % on 1.5 cells, 2.9 % on 2.1, 1.3 % on 3",
     ),
     (
         "stretch of a hanging rope",
@@ -23,8 +24,22 @@ pub const MISSES: [(&str, &str); 4] = [
     ("no slip: clamped rope moves", "the same relaxation"),
 ];
 
+/// Quantities of the full extent whose order of convergence is too low.
+pub const ORDERS: [&str; 3] = ["sag of a cantilever", "elastica", "pendulum"];
+/// Why: presumably, because the give of the clamp was not measured apart from the rest.
+const ORDER: &str = "with the clamp's edge in the middle of a cell the coarsest grid is already as close as \
+                     the finest (within 0.7 % at the program's own alignment, 1.7 % at the worst); what \
+                     remains is presumably the give of the clamp's springs, which falls slowly";
+
 /// The cause of a case's miss, if it is known.
 pub fn known(case: &Case) -> Option<&'static str> {
-    let found = MISSES.iter().find(|(start, _)| case.name.starts_with(start));
-    found.filter(|_| !case.passed).map(|(_, cause)| *cause)
+    if case.passed {
+        return None;
+    }
+    let starts = |start: &&str| case.name.starts_with(*start);
+    if case.name.ends_with("order of convergence") && ORDERS.iter().any(|start| starts(&start)) {
+        return Some(ORDER);
+    }
+    let found = MISSES.iter().find(|(start, _)| starts(&start));
+    found.map(|(_, cause)| *cause)
 }

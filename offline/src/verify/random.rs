@@ -126,6 +126,7 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::TooThin { .. } => "refused: too thin for the grid",
         Cause::Unreachable { .. } => "refused: unreachable",
         Cause::TooLong { .. } => "refused: too long",
+        Cause::StepTooLong { .. } => "refused: step too long",
         Cause::Memory { .. } => "refused: too little memory",
         Cause::OneWay => "refused: no way back",
         Cause::BadParameter { .. } => "refused: bad parameter",

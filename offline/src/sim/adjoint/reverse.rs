@@ -333,7 +333,13 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 let index = block * members + member;
                 let body = &self.engine.blocks.bodies[index];
                 let (momentum, change) = self.engine.blocks.transfer.gather(block, member, &self.scratch);
-                let stress = change.map(|row| row.map(|x| x * stress_scale));
+                // No closures here: they would not be compiled for the registers' instructions.
+                let mut stress = change;
+                for a in 0..3 {
+                    for b in 0..3 {
+                        stress[a][b] = change[a][b] * stress_scale;
+                    }
+                }
                 let elastic =
                     pull_back_piola(&body.deformation_gradient, &self.engine.blocks.lame[0], &stress);
                 let mass = body.mass_kg * quarter;
@@ -473,6 +479,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     }
 
     /// From the table's springs to the heights of the slices.
+    #[inline(always)]
     fn contact(&mut self) {
         let (members, context) = (self.members(), &self.setup.context);
         let width = self.engine.blocks.transfer.width;
