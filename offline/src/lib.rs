@@ -17,6 +17,7 @@ pub mod pipeline;
 pub mod plot;
 pub mod reach;
 pub mod report;
+pub mod reproduce;
 pub mod residual;
 pub mod run_files;
 pub mod sim;

@@ -29,6 +29,16 @@ pub struct Row {
     pub sigma_m: f64,
 }
 
+/// Which points of the rope a cloud holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Section {
+    /// Points of the surface, as cameras see it: they lie on a circle around the axis.
+    #[default]
+    Surface,
+    /// Points throughout the rope, evenly: the axis is their centre.
+    Filled,
+}
+
 /// Number of stations along the rope for point clouds.
 pub const STATIONS: usize = 24;
 /// Fewest points from which a station's circle is estimated.
@@ -57,13 +67,16 @@ pub fn bracket(arcs_m: &[f64], s_m: f64) -> (usize, f64) {
 }
 
 /// All rows of one recorded time.
-pub fn measure(demo: &Demo, frame: usize, line: &Centreline) -> Vec<Row> {
+pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -> Vec<Row> {
     match &demo.observations {
         Observations::Clouds(frames) => measure_cloud(
             &frames[frame].points_m,
             frame,
             line,
-            0.5 * demo.spec.rope.diameter_m,
+            &SectionShape {
+                section,
+                radius_m: 0.5 * demo.spec.rope.diameter_m,
+            },
             demo.spec.noise_m,
         ),
         Observations::Markers(samples) => {
@@ -99,24 +112,40 @@ struct Projected {
     across_m: Vector2<f64>,
 }
 
+/// What a cross-section of the cloud looks like.
+struct SectionShape {
+    section: Section,
+    radius_m: f64,
+}
+
+impl SectionShape {
+    /// Centre of the section through these points, and its covariance.
+    fn centre(&self, points: &[Projected], noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        match self.section {
+            Section::Surface => circle_centre(points, self.radius_m, noise_m),
+            Section::Filled => filled_centre(points, noise_m),
+        }
+    }
+}
+
 fn measure_cloud(
     points_m: &[[f64; 3]],
     frame: usize,
     line: &Centreline,
-    radius_m: f64,
+    shape: &SectionShape,
     noise_m: f64,
 ) -> Vec<Row> {
     let segments = segments(line);
     let mut bins: Vec<Vec<Projected>> = (0..STATIONS).map(|_| Vec::new()).collect();
     for &point in points_m {
-        if let Some(p) = project(point, &segments, radius_m) {
+        if let Some(p) = project(point, &segments, shape.radius_m) {
             let bin = (p.arc_m / line.length_m * STATIONS as f64) as usize;
             bins[bin.min(STATIONS - 1)].push(p);
         }
     }
     let mut rows = Vec::new();
     for (station, bin) in bins.iter().enumerate() {
-        let Some((centre, covariance)) = circle_centre(bin, radius_m, noise_m) else {
+        let Some((centre, covariance)) = shape.centre(bin, noise_m) else {
             continue;
         };
         let arc_m = (station as f64 + 0.5) / STATIONS as f64 * line.length_m;
@@ -243,6 +272,16 @@ fn project(point: [f64; 3], segments: &[Segment], radius_m: f64) -> Option<Proje
     })
 }
 
+/// Centre of points that fill a disc evenly: their mean.
+fn filled_centre(points: &[Projected], noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    if points.len() < MIN_POINTS {
+        return None;
+    }
+    let n = points.len() as f64;
+    let centre = points.iter().map(|p| p.across_m).sum::<Vector2<f64>>() / n;
+    Some((centre, Matrix2::identity() * (noise_m * noise_m / n)))
+}
+
 /// Centre of a circle of known radius through noisy points on part of it: Gauss-Newton on
 /// |q − δ| − R with Huber's weights, from the centroid. Returns the centre and its covariance.
 fn circle_centre(points: &[Projected], radius_m: f64, noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
@@ -297,7 +336,11 @@ mod tests {
                 [s, truth[1] + 0.007 * angle.cos(), truth[2] + 0.007 * angle.sin()]
             })
             .collect();
-        let rows = measure_cloud(&cloud, 0, &line, 0.007, 0.001);
+        let shape = SectionShape {
+            section: Section::Surface,
+            radius_m: 0.007,
+        };
+        let rows = measure_cloud(&cloud, 0, &line, &shape, 0.001);
         assert_eq!(rows.len(), 2 * STATIONS);
         for row in rows {
             let expected = row.direction[1] * 0.004 + row.direction[2] * 0.003;

@@ -9,7 +9,7 @@ use offline::sim::elastic::energy_density;
 use offline::sim::material::Material;
 use offline::sim::physics::{ForcePoint, Mouth, StressPoint};
 use offline::sim::rollout::simulate_one_by_one;
-use offline::sim::rope::RopeLayout;
+use offline::sim::rope::{RopeLayout, Sampling};
 use offline::sim::scene::{Scene, Table};
 use offline::sim::tensor::matmul;
 use offline::sim::{Dual, Physics, Real, Rollout, simulate};
@@ -284,7 +284,7 @@ struct StrainedRope {
 
 impl StrainedRope {
     fn new(rng: &mut ChaCha8Rng) -> Self {
-        let layout = RopeLayout::new(rope(0.04, 0.014), &[], 0.009);
+        let layout = RopeLayout::new(rope(0.04, 0.014), &[], 0.009, Sampling::default());
         let strained =
             |_| rows(&(Matrix3::identity() + Matrix3::from_fn(|_, _| rng.random_range(-0.1..0.1))));
         Self {

@@ -3,6 +3,7 @@
 mod demos;
 mod import;
 mod progress;
+mod reproduce;
 mod runs;
 mod verify;
 
@@ -53,6 +54,9 @@ enum Command {
     /// Work with demonstration folders.
     #[command(subcommand)]
     Demo(DemoCommand),
+    /// Make the paper's tables.
+    #[command(subcommand)]
+    Reproduce(reproduce::Reproduce),
     /// Show what is in a policy blob or a run.
     #[command(after_help = "Example: offline inspect runs/sample-rope/policy.blob")]
     Inspect {
@@ -144,6 +148,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
         Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
+        Command::Reproduce(table) => reproduce::run(&table, json),
         Command::Inspect { path } => demos::inspect(&path, json),
     };
     match result {

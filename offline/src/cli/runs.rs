@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The demonstrations that ship with the program, relative to the repository.
 const SAMPLE: &str = "offline/demos/sample-rope";
-/// The sample rope's fitting demonstration and the ones that judge.
-const SAMPLE_PARTS: (&str, [&str; 2]) = ("fit", ["held-out-1", "held-out-2"]);
+/// The sample rope's fitting demonstration, then the ones that judge.
+const SAMPLE_PARTS: [&str; 3] = ["fit", "held-out-1", "held-out-2"];
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
@@ -28,12 +28,7 @@ static STOP: AtomicBool = AtomicBool::new(false);
 pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<()> {
     let reporter = Reporter::new();
     catch_interrupt()?;
-    if let Some(threads) = arguments.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build_global()
-            .context("cannot set the number of threads")?;
-    }
+    set_threads(arguments.threads)?;
     let (demos, held_out, name) = chosen(arguments)?;
     let inputs = Inputs::load(&name, &demos, &held_out)?;
     for demo in inputs.demos.iter().chain(&inputs.held_out) {
@@ -171,18 +166,9 @@ fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf
             arguments.held_out.is_empty(),
             "--held-out without --demo: name the demonstration to fit as well"
         );
-        let sample = Path::new(SAMPLE);
-        anyhow::ensure!(
-            sample.is_dir(),
-            "the sample rope is not at {SAMPLE}: run from the repository's folder, or name your own with --demo"
-        );
-        let (fit, judges) = SAMPLE_PARTS;
+        let [fit, judges @ ..] = shipped()?;
         let name = arguments.name.clone().unwrap_or_else(|| "sample-rope".into());
-        return Ok((
-            vec![sample.join(fit)],
-            judges.iter().map(|j| sample.join(j)).collect(),
-            name,
-        ));
+        return Ok((vec![fit], judges.to_vec(), name));
     }
     let of_parent = || {
         let full = arguments.demo[0].canonicalize().ok()?;
@@ -194,6 +180,27 @@ fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf
         .or_else(of_parent)
         .unwrap_or_else(|| "rope".into());
     Ok((arguments.demo.clone(), arguments.held_out.clone(), name))
+}
+
+/// Folders of the demonstrations that ship with the program, the one to fit first.
+pub fn shipped() -> anyhow::Result<[PathBuf; 3]> {
+    let sample = Path::new(SAMPLE);
+    anyhow::ensure!(
+        sample.is_dir(),
+        "the sample rope is not at {SAMPLE}: run from the repository's folder, or name your own with --demo"
+    );
+    Ok(SAMPLE_PARTS.map(|part| sample.join(part)))
+}
+
+/// Uses that many threads, or all cores.
+pub fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
+    if let Some(threads) = threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot set the number of threads")?;
+    }
+    Ok(())
 }
 
 fn say_identified(identified: &Identified, reporter: &Reporter) {

@@ -7,5 +7,5 @@ mod solver;
 mod uncertainty;
 
 pub use problem::{Evaluation, FitError, FrameShare, Problem, Resolution};
-pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from};
+pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from, fit_starts};
 pub use uncertainty::{Correlation, covariance, estimates};

@@ -2,7 +2,7 @@
 
 use crate::demo::Demo;
 use crate::model::Structure;
-use crate::observe::{Centreline, Row, bracket, measure};
+use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
@@ -73,6 +73,8 @@ pub struct Problem<'a> {
     pub noise_scale: f64,
     /// Share of each demonstration's frames, from the start, that counts; the rest is left out.
     pub frames: FrameShare,
+    /// Which points of the rope the clouds hold.
+    pub section: Section,
 }
 
 /// Residual and Jacobian at one θ. Rows of all demonstrations stand one after another.
@@ -103,6 +105,7 @@ impl<'a> Problem<'a> {
             scenes,
             noise_scale: 1.0,
             frames: FrameShare::ALL,
+            section: Section::default(),
         })
     }
 
@@ -185,10 +188,14 @@ impl<'a> Problem<'a> {
                 points_m,
                 length_m: demo.spec.rope.length_m,
             };
-            rows.extend(measure(demo, frame, &line).into_iter().map(|row| Row {
-                sigma_m: row.sigma_m * self.noise_scale,
-                ..row
-            }));
+            rows.extend(
+                measure(demo, frame, &line, self.section)
+                    .into_iter()
+                    .map(|row| Row {
+                        sigma_m: row.sigma_m * self.noise_scale,
+                        ..row
+                    }),
+            );
         }
         if rows.len() < MIN_ROWS {
             return Err(FitError::TooFewRows {

@@ -60,11 +60,23 @@ pub struct FitResult {
 /// # Errors
 /// No start can be simulated, or too little was measured.
 pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Result<FitResult, FitError> {
-    let scored: Vec<_> = options
-        .starts_pa
-        .par_iter()
-        .map(|&young_pa| {
-            let theta = structure.start(young_pa);
+    let starts = options.starts_pa.iter().map(|&pa| structure.start(pa)).collect();
+    fit_starts(problem, structure, starts, options)
+}
+
+/// Fits from the given θ and returns the best iterate of all; `options.starts_pa` is not used.
+///
+/// # Errors
+/// No start can be simulated, or too little was measured.
+pub fn fit_starts(
+    problem: &Problem,
+    structure: &Structure,
+    starts: Vec<Vec<f64>>,
+    options: &FitOptions,
+) -> Result<FitResult, FitError> {
+    let scored: Vec<_> = starts
+        .into_par_iter()
+        .map(|theta| {
             problem
                 .residuals(structure, &theta)
                 .map(|e| (robust_cost(&e, DEFAULT_HUBER), theta))
@@ -107,8 +119,10 @@ pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Re
 const DEFAULT_HUBER: f64 = 30.0;
 /// A step smaller than this share of every standard error ends the descent.
 const STEP_TOLERANCE: f64 = 0.1;
-/// A relative decrease of the cost smaller than this ends the descent.
-const COST_TOLERANCE: f64 = 1e-3;
+/// So does one that promises no more than such a step does: half the square of it, in units of the mean
+/// square misfit. (A share of the whole cost would not do: with thousands of rows it ends the descent
+/// several standard errors away from the minimum.)
+const SMALL_DECREASE: f64 = 0.5 * STEP_TOLERANCE * STEP_TOLERANCE;
 
 /// Descends from one θ; returns the best iterate.
 ///
@@ -133,7 +147,8 @@ pub fn fit_from(
         let (hessian, gradient) = normal_equations(&best, &info);
         let step = damped_step(&hessian, &gradient, damping, &best.theta, &info);
         let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
-        if is_small(&step, &hessian, 2.0 * cost / nominal_rows(&best)) || predicted < COST_TOLERANCE * cost {
+        let misfit = (2.0 * cost / nominal_rows(&best)).max(1.0);
+        if is_small(&step, &hessian, misfit) || predicted < SMALL_DECREASE * misfit {
             break StopReason::Converged;
         }
         if damping > 1e8 {
@@ -280,7 +295,7 @@ fn damped_step(
 
 /// Whether a step is small against standard errors that grow with the misfit: where the model lacks
 /// an effect, the place of the minimum is uncertain by more than the noise says.
-fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, reduced_chi_square: f64) -> bool {
-    let inflation = reduced_chi_square.max(1.0).sqrt();
+fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, misfit: f64) -> bool {
+    let inflation = misfit.sqrt();
     (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE * inflation)
 }

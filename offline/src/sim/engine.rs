@@ -38,6 +38,8 @@ pub(super) trait Engine<T> {
     fn slices(&self) -> usize;
     /// Middle of a slice and its velocity, m and m/s.
     fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
+    /// A member of a slice and its velocity, m and m/s.
+    fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
 }
 
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
@@ -75,6 +77,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     #[inline(always)]
     fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
         Sweep::slice_mean(self, slice)
+    }
+    fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
+        Sweep::member(self, slice, member)
     }
 }
 
@@ -154,5 +159,9 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         }
         let share = 1.0 / members.len() as f64;
         (scaled(place, share), scaled(velocity, share))
+    }
+    fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
+        let particle = &self.particles[slice * self.section + member];
+        (particle.position_m, particle.velocity_m_s)
     }
 }

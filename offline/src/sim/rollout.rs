@@ -27,6 +27,8 @@ pub struct Rollout<T> {
     /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
     /// zero at the start and where a grip is open.
     pub grip_forces_n: Vec<Vec<Vec3<T>>>,
+    /// Every particle per recorded time, slice by slice, m; empty unless [`Scene::keep_particles`].
+    pub particles: Vec<Vec<Vec3<T>>>,
     /// Arc length of each slice, m.
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
@@ -424,6 +426,7 @@ pub(super) struct Recorder<'a, T> {
     frames: Vec<Vec<Vec3<T>>>,
     tracks: Vec<Track<T>>,
     grip_forces_n: Vec<Vec<Vec3<T>>>,
+    particles: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
     /// Motions of the grips in the step before.
     pub(super) motions: Vec<Option<RigidMotion<T>>>,
@@ -440,6 +443,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             tracks: Vec::with_capacity(scene.frame_times_s.len()),
             grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
+            particles: Vec::new(),
             reach_m: None,
             motions: vec![None; scene.grips.len()],
             marks: Vec::new(),
@@ -468,6 +472,13 @@ impl<'a, T: Real> Recorder<'a, T> {
             };
             self.frames.push(track.seen(physics, self.scene.start_m));
             self.tracks.push(track);
+            if self.scene.keep_particles {
+                let at = |(place, velocity): (Vec3<T>, Vec3<T>)| add(place, scaled(velocity, ahead_s));
+                let members = setup.context.section;
+                let of_slice = |slice| (0..members).map(move |member| at(engine.member(slice, member)));
+                self.particles
+                    .push((0..engine.slices()).flat_map(of_slice).collect());
+            }
             self.marks.push(FrameMark { state, ahead_s });
             self.grip_forces_n
                 .push(engine.grip_forces_n(&self.motions, setup.context.dt_s));
@@ -486,6 +497,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             frames: std::mem::take(&mut self.frames),
             tracks: std::mem::take(&mut self.tracks),
             grip_forces_n: std::mem::take(&mut self.grip_forces_n),
+            particles: std::mem::take(&mut self.particles),
             arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
             reach_m: self.reach_m,
             steps: setup.steps,

@@ -36,10 +36,23 @@ impl RopeShape {
     }
 }
 
-/// Largest distance of neighbouring particles within a section, in cells.
-const SECTION_SPACING_CELLS: f64 = 0.5;
-/// Distance of slices along the rope, in cells.
-const SLICE_SPACING_CELLS: f64 = 0.6;
+/// How finely particles sample the rope.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sampling {
+    /// Distance of slices along the rope, in cells.
+    pub slice_cells: f64,
+    /// Largest distance of neighbouring rings of particles within a section, in cells.
+    pub section_cells: f64,
+}
+
+impl Default for Sampling {
+    fn default() -> Self {
+        Self {
+            slice_cells: 0.6,
+            section_cells: 0.5,
+        }
+    }
+}
 
 /// One slice of the rope.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +77,7 @@ pub struct RopeLayout {
 impl RopeLayout {
     /// Slices and sections fine enough for the grid spacing. Slices end at the arc lengths
     /// `edges_m` (where grips end), so that a grip holds exactly its length of rope.
-    pub fn new(shape: RopeShape, edges_m: &[f64], spacing_m: f64) -> Self {
+    pub fn new(shape: RopeShape, edges_m: &[f64], spacing_m: f64, sampling: Sampling) -> Self {
         let mut ends = vec![0.0];
         ends.extend(edges_m.iter().copied().filter(|&s| s > 0.0 && s < shape.length_m));
         ends.push(shape.length_m);
@@ -72,7 +85,7 @@ impl RopeLayout {
         let mut slices = Vec::new();
         for piece in ends.windows(2) {
             let length = piece[1] - piece[0];
-            let count = (length / (SLICE_SPACING_CELLS * spacing_m)).ceil().max(2.0) as usize;
+            let count = (length / (sampling.slice_cells * spacing_m)).ceil().max(2.0) as usize;
             let length_m = length / count as f64;
             slices.extend((0..count).map(|k| Slice {
                 arc_m: piece[0] + (k as f64 + 0.5) * length_m,
@@ -82,7 +95,7 @@ impl RopeLayout {
         Self {
             shape,
             slices,
-            section_m: section(shape.diameter_m, SECTION_SPACING_CELLS * spacing_m),
+            section_m: section(shape.diameter_m, sampling.section_cells * spacing_m),
         }
     }
 

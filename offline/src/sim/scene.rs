@@ -4,7 +4,7 @@
 use super::clamp::{ClampPath, Knot};
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
-use super::rope::{RopeLayout, RopeShape};
+use super::rope::{RopeLayout, RopeShape, Sampling};
 use crate::demo::{Demo, RopeEnd};
 use shared::profile::{LineProfile, MotionLimits};
 use shared::task::SwingTask;
@@ -51,6 +51,12 @@ pub struct Scene {
     pub table: Option<Table>,
     /// The grid.
     pub grid: GridSpec,
+    /// The particles.
+    pub sampling: Sampling,
+    /// Share of the largest stable time step that is taken, at most 1.
+    pub step_share: f64,
+    /// Whether the rollout also keeps every particle at the recorded times, not only the centreline.
+    pub keep_particles: bool,
     /// End of the simulation, s.
     pub duration_s: f64,
     /// Times at which the centreline is recorded, s, increasing.
@@ -248,6 +254,9 @@ impl Scene {
                 spacing_m: rope.diameter_m / cells,
                 shift_cells: [0.0; 3],
             },
+            sampling: Sampling::default(),
+            step_share: 1.0,
+            keep_particles: false,
             duration_s: frame_times_s.last().copied().unwrap_or(0.0),
             frame_times_s,
             settling: None,
@@ -294,7 +303,7 @@ impl Scene {
 
     /// The particles' layout; slices end where the grips end.
     pub fn layout(&self) -> RopeLayout {
-        RopeLayout::new(self.rope, &self.edges_m(), self.grid.spacing_m)
+        RopeLayout::new(self.rope, &self.edges_m(), self.grid.spacing_m, self.sampling)
     }
 
     /// Refuses paths on which two closed clamps are further apart than the rope between them.
@@ -332,6 +341,13 @@ impl Scene {
         require("rope.mass_kg", rope.mass_kg, positive(rope.mass_kg))?;
         let spacing_m = self.grid.spacing_m;
         require("grid.spacing_m", spacing_m, positive(spacing_m))?;
+        for (name, value) in [
+            ("sampling.slice_cells", self.sampling.slice_cells),
+            ("sampling.section_cells", self.sampling.section_cells),
+            ("step_share", self.step_share),
+        ] {
+            require(name, value, positive(value) && value <= 1.0)?;
+        }
         for x in self.start_m.into_iter().chain(self.grid.shift_cells) {
             require("start_m or grid.shift_cells", x, x.is_finite())?;
         }
@@ -398,14 +414,14 @@ impl Scene {
         Ok(steps as usize)
     }
 
-    /// Largest stable time step, s: [`CFL`] of a cell per P-wave crossing, the bound
+    /// Time step, s: [`Scene::step_share`] of the largest stable one, which is the least of [`CFL`] of a cell per P-wave crossing, the bound
     /// ρ dx²/(6 η) of explicit viscosity, and a fifth of a cell per step at the speed bound.
     pub fn time_step_s(&self, p_wave_modulus_pa: f64, viscosity_pa_s: f64) -> f64 {
         let density = self.rope.density_kg_m3();
         let dx = self.grid.spacing_m;
         let wave = CFL * dx / (p_wave_modulus_pa / density).sqrt();
         let viscous = density * dx * dx / (6.0 * viscosity_pa_s.max(f64::MIN_POSITIVE));
-        wave.min(viscous).min(0.2 * dx / SPEED_BOUND_M_S)
+        self.step_share * wave.min(viscous).min(0.2 * dx / SPEED_BOUND_M_S)
     }
 
     /// The time step that [`Self::step`] asks for, s, where `longest_s` is the one of all laws.

@@ -232,6 +232,17 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         (mean(|body| &body.position_m), mean(|body| &body.velocity_m_s))
     }
 
+    /// A member of a slice and its velocity, m and m/s.
+    pub fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
+        let members = self.blocks.transfer.members.len();
+        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
+        let body = |k: usize| &self.blocks.bodies[(block * T::CHANNELS + k) * members + member];
+        (
+            std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].to_lanes()[lane])),
+            std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].to_lanes()[lane])),
+        )
+    }
+
     /// Force of every grip on the rope in the step that ended in this state, N, as
     /// [`super::clamp::grip_forces_n`] has it.
     pub fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {

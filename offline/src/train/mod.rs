@@ -28,7 +28,7 @@
 mod data;
 mod forward_model;
 mod learner;
-mod net;
+pub(crate) mod net;
 mod policy_net;
 mod schedule;
 

@@ -3,7 +3,7 @@
 //! Weights start and batches are drawn from our own random streams, and burn's flex backend gives
 //! equal bits for any number of threads, so training repeats exactly on one kind of processor.
 
-use burn::tensor::{Device, Gradients, Tensor, TensorData, activation};
+use burn::tensor::{Device, Gradients, Int, Tensor, TensorData, activation};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -21,6 +21,18 @@ pub enum Activation {
     Relu,
     /// x / (1 + exp(−x)): smooth, for a network whose slope is used.
     Silu,
+    /// x: several layers are then one linear map.
+    Identity,
+}
+
+impl Activation {
+    fn apply<const D: usize>(self, signal: Tensor<D>) -> Tensor<D> {
+        match self {
+            Self::Relu => activation::relu(signal),
+            Self::Silu => activation::silu(signal),
+            Self::Identity => signal,
+        }
+    }
 }
 
 /// One number on the training device.
@@ -41,6 +53,7 @@ pub struct Mlp {
 }
 
 /// Weights (input-major) and biases of one layer.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LayerValues {
     /// Inputs times outputs values, row by row.
     pub weight: Vec<f32>,
@@ -96,17 +109,52 @@ impl Mlp {
 
     /// Outputs for a batch of inputs.
     pub fn forward(&self, input: Batch) -> Batch {
-        let mut signal = input;
-        for (index, layer) in self.layers.iter().enumerate() {
-            signal = signal.matmul(layer.weight.clone()) + layer.bias.clone().unsqueeze();
-            if index + 1 < self.layers.len() {
-                signal = match self.activation {
-                    Activation::Relu => activation::relu(signal),
-                    Activation::Silu => activation::silu(signal),
-                };
-            }
+        let last = self.layers.len() - 1;
+        let hidden = self.forward_through(0..last, input);
+        self.layers[last].apply(hidden)
+    }
+
+    /// Signals of a batch after some of the layers, each followed by the activation.
+    pub fn forward_through(&self, layers: std::ops::Range<usize>, input: Batch) -> Batch {
+        let through = |signal, layer: &Dense| self.activation.apply(layer.apply(signal));
+        self.layers[layers].iter().fold(input, through)
+    }
+
+    /// Signals after some of the layers with the activation between, but not behind, them.
+    pub fn forward_to_linear(&self, layers: std::ops::Range<usize>, input: Batch) -> Batch {
+        let last = layers.end - 1;
+        let hidden = self.forward_through(layers.start..last, input);
+        self.layers[last].apply(hidden)
+    }
+
+    /// Several networks as one list of layers, which one optimiser steps.
+    pub fn joined(parts: Vec<Self>, activation: Activation) -> Self {
+        Self {
+            layers: parts.into_iter().flat_map(|part| part.layers).collect(),
+            activation,
         }
-        signal
+    }
+
+    /// Sets all weights to values of a network of the same shape; false if the shape differs.
+    pub fn set_layer_values(&mut self, values: &[LayerValues]) -> bool {
+        let fits = |(layer, values): (&Dense, &LayerValues)| {
+            let [inputs, outputs] = layer.weight.dims();
+            values.weight.len() == inputs * outputs && values.bias.len() == outputs
+        };
+        if self.layers.len() != values.len() || !self.layers.iter().zip(values).all(fits) {
+            return false;
+        }
+        for (layer, values) in self.layers.iter_mut().zip(values) {
+            let shape = layer.weight.dims();
+            let weight = TensorData::new(values.weight.clone(), shape);
+            let bias = TensorData::new(values.bias.clone(), [shape[1]]);
+            *layer = Dense {
+                weight: Tensor::from_data(weight, &device()),
+                bias: Tensor::from_data(bias, &device()),
+            }
+            .trainable();
+        }
+        true
     }
 
     /// A copy whose weights are constants: gradients flow through it but not into it.
@@ -131,7 +179,32 @@ impl Mlp {
     }
 }
 
+/// For every group of `size` successive rows, the largest value of each column.
+pub fn pool_largest(rows: Batch, size: usize) -> Batch {
+    let [count, columns] = rows.dims();
+    let groups = count / size;
+    let pooled: Tensor<3> = rows.reshape([groups, size, columns]).max_dim(1);
+    pooled.reshape([groups, columns])
+}
+
+/// Rows of a batch by their indices.
+pub fn rows_at(rows: Batch, indices: &[usize]) -> Batch {
+    let indices: Vec<i64> = indices.iter().map(|&i| i as i64).collect();
+    let count = indices.len();
+    let indices = Tensor::<1, Int>::from_data(TensorData::new(indices, [count]), &device());
+    rows.select(0, indices)
+}
+
+/// Two batches side by side.
+pub fn beside(left: Batch, right: Batch) -> Batch {
+    Tensor::cat(vec![left, right], 1)
+}
+
 impl Dense {
+    fn apply(&self, signal: Batch) -> Batch {
+        signal.matmul(self.weight.clone()) + self.bias.clone().unsqueeze()
+    }
+
     fn trainable(self) -> Self {
         Self {
             weight: self.weight.detach().require_grad(),

@@ -1,0 +1,152 @@
+//! `offline reproduce …`: the paper's tables.
+
+use super::progress::Reporter;
+use super::runs;
+use clap::{Args, Subcommand};
+use offline::demo::Demo;
+use offline::pipeline::Preset;
+use offline::reproduce::data::Source;
+use offline::reproduce::pointnet::{PointNet, Variant};
+use offline::reproduce::sim2sim::Baseline;
+use offline::reproduce::table::Table;
+use offline::reproduce::{real2sim, sim2sim};
+use offline::run_files::write_whole;
+use std::path::{Path, PathBuf};
+
+/// Which of the paper's tables.
+#[derive(Subcommand)]
+pub enum Reproduce {
+    /// Parameters of simulated ropes whose truth is known (the paper's first table).
+    #[command(after_help = "Example: offline reproduce sim2sim --preset quick --out runs/sim2sim")]
+    Sim2sim {
+        #[command(flatten)]
+        common: Common,
+        /// How the data differ from the simulation that is fitted.
+        #[arg(long, value_enum, default_value = "sampled")]
+        data: Source,
+        /// True ropes; the paper's five by default.
+        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
+        truths: u64,
+        /// Simulated demonstrations that PointNet++ learns from; 0 leaves it out.
+        #[arg(long)]
+        pointnet_demonstrations: Option<u64>,
+        /// Passes that PointNet++ makes over them.
+        #[arg(long)]
+        pointnet_epochs: Option<usize>,
+    },
+    /// Parameters of measured ropes (the paper's second table).
+    #[command(after_help = "Example: offline reproduce real2sim --demo my-rope/lift-1 --out runs/real2sim")]
+    Real2sim {
+        #[command(flatten)]
+        common: Common,
+        /// Demonstrations; the shipped ones by default.
+        #[arg(long, num_args = 1.., value_name = "DIR")]
+        demo: Vec<PathBuf>,
+        /// Random starts of the paper's estimator.
+        #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+        starts: Option<u64>,
+    },
+}
+
+/// What both tables take.
+#[derive(Args)]
+pub struct Common {
+    /// How much to do.
+    #[arg(long, value_enum, default_value = "quick")]
+    preset: Preset,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder of the estimates; a stopped run goes on there. `runs/<table>` by default.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Steps of Adam; the preset's by default.
+    #[arg(long)]
+    iterations: Option<usize>,
+    /// Cells across the rope; the preset's by default.
+    #[arg(long)]
+    cells: Option<f64>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+/// Makes a table.
+pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
+    let reporter = Reporter::new();
+    match table {
+        Reproduce::Sim2sim {
+            common,
+            data,
+            truths,
+            pointnet_demonstrations,
+            pointnet_epochs,
+        } => {
+            runs::set_threads(common.threads)?;
+            let mut settings = sim2sim::Settings::of(common.preset, common.seed);
+            settings.truths = *truths;
+            settings.source = *data;
+            settings.effort.iterations = common.iterations.unwrap_or(settings.effort.iterations);
+            settings.fitter.cells = common.cells.unwrap_or(settings.fitter.cells);
+            if let Some(effort) = &mut settings.pointnet {
+                effort.demonstrations = pointnet_demonstrations.unwrap_or(effort.demonstrations);
+                effort.epochs = pointnet_epochs.unwrap_or(effort.epochs);
+            }
+            settings.pointnet = settings.pointnet.filter(|effort| effort.demonstrations > 0);
+            let out = folder(common, "sim2sim");
+            let table = sim2sim_table(&settings, &out, &reporter)?;
+            finish(&[table], &out, json)
+        }
+        Reproduce::Real2sim { common, demo, starts } => {
+            runs::set_threads(common.threads)?;
+            let mut settings = real2sim::Settings::of(common.preset, common.seed);
+            settings.effort.iterations = common.iterations.unwrap_or(settings.effort.iterations);
+            settings.cells = common.cells.unwrap_or(settings.cells);
+            settings.gradient_starts = starts.unwrap_or(settings.gradient_starts);
+            let folders = if demo.is_empty() {
+                runs::shipped()?.to_vec()
+            } else {
+                demo.clone()
+            };
+            let demos = folders
+                .iter()
+                .map(|path| Ok(Demo::load(path)?))
+                .collect::<anyhow::Result<Vec<_>>>()?;
+            let out = folder(common, "real2sim");
+            let tables = real2sim::run(&settings, &demos, &out, &|line| reporter.say(line))?;
+            finish(&tables, &out, json)
+        }
+    }
+}
+
+fn sim2sim_table(settings: &sim2sim::Settings, out: &Path, reporter: &Reporter) -> anyhow::Result<Table> {
+    let say = |line: &str| reporter.say(line);
+    let mut networks = Vec::new();
+    if let Some(effort) = &settings.pointnet {
+        for variant in [Variant::AsPublished, Variant::Fair] {
+            networks.push(PointNet::trained(
+                variant,
+                effort,
+                &settings.fitter,
+                settings.effort.seed,
+                out,
+                &say,
+            )?);
+        }
+    }
+    let baselines: Vec<&dyn Baseline> = networks.iter().map(|net| net as &dyn Baseline).collect();
+    sim2sim::run(settings, out, &baselines, &say)
+}
+
+fn folder(common: &Common, name: &str) -> PathBuf {
+    common.out.clone().unwrap_or_else(|| Path::new("runs").join(name))
+}
+
+fn finish(tables: &[Table], out: &Path, json: bool) -> anyhow::Result<()> {
+    let text = tables.iter().map(Table::markdown).collect::<Vec<_>>().join("\n");
+    write_whole(&out.join("table.md"), text.as_bytes())?;
+    let machine = serde_json::to_string_pretty(tables)?;
+    write_whole(&out.join("table.json"), machine.as_bytes())?;
+    println!("{}", if json { &machine } else { &text });
+    Ok(())
+}

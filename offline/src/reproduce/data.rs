@@ -1,0 +1,156 @@
+//! What is fitted in sim2sim: ropes with known parameters, simulated otherwise than the fitter does, and
+//! seen as whole particle clouds (as in the paper) or by two noisy depth cameras.
+
+use super::adam::Parameters;
+use super::scene::{DENSITY_KG_M3, Discretisation, FRICTION, demonstration, physics};
+use crate::collect::stream;
+use crate::sim::rope::Sampling;
+use crate::sim::tensor::value3;
+use crate::sim::{Rollout, Scene, SimError, simulate};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// Where the paper's estimator starts, and where its sim2sim truths lie: E in paper units and ν.
+pub const STARTS: [[f64; 2]; 2] = [[2000.0, 8000.0], [0.2, 0.4]];
+/// The whole range of the released code's demonstrations.
+pub const WHOLE_RANGE: [[f64; 2]; 2] = [[500.0, 10_500.0], [0.2, 0.4]];
+
+/// How the simulation that makes the data differs from the one that is fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// Not at all, as in the paper.
+    Same,
+    /// Other particles and half the time step.
+    Sampled,
+    /// Also the grid lies elsewhere in the rope.
+    Shifted,
+    /// Also the grid is finer, by a third.
+    Finer,
+}
+
+impl Source {
+    /// In words, for a table's heading.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Same => "the simulation that is fitted",
+            Self::Sampled => "other particles and half the time step",
+            Self::Shifted => "other particles, half the time step and a shifted grid",
+            Self::Finer => "other particles, half the time step and a shifted grid finer by a third",
+        }
+    }
+
+    /// The discretisation that makes the data for a fitter with `fitter`.
+    pub fn discretisation(self, fitter: &Discretisation) -> Discretisation {
+        let mut made = *fitter;
+        if self == Self::Same {
+            return made;
+        }
+        made.sampling = Sampling {
+            slice_cells: 0.43,
+            section_cells: 0.3,
+        };
+        made.step_share = 0.5;
+        if self != Self::Sampled {
+            made.shift_cells = [0.37, 0.21, 0.13];
+        }
+        if self == Self::Finer {
+            made.cells *= 4.0 / 3.0;
+        }
+        made
+    }
+}
+
+/// Parameters drawn uniformly from a range; the same for one seed and index.
+pub fn draw(range: [[f64; 2]; 2], seed: u64, index: u64) -> Parameters {
+    let mut rng = stream(seed, index);
+    range.map(|[low, high]| low + (high - low) * rng.random::<f64>())
+}
+
+/// The true rope, simulated as `source` says.
+///
+/// # Errors
+/// The simulation stopped.
+pub fn record(
+    truth: Parameters,
+    source: Source,
+    fitter: &Discretisation,
+) -> Result<(Scene, Rollout<f64>), SimError> {
+    let scene = demonstration(&source.discretisation(fitter))?;
+    let rollout = simulate(&scene, &physics(truth, DENSITY_KG_M3, FRICTION))?;
+    Ok((scene, rollout))
+}
+
+/// All particles of the last state at `parameters`, m, as the fitter simulates it.
+///
+/// # Errors
+/// The simulation stopped.
+pub fn last_state(parameters: Parameters, fitter: &Discretisation) -> Result<Vec<[f64; 3]>, SimError> {
+    let mut scene = demonstration(fitter)?;
+    scene.frame_times_s.drain(..super::scene::STEPS - 1);
+    let rollout = simulate::<f32>(
+        &scene,
+        &physics(parameters.map(|p| p as f32), DENSITY_KG_M3, FRICTION),
+    )?;
+    Ok(rollout.particles[0].iter().map(|&p| value3(p)).collect())
+}
+
+/// Where the two cameras stand: in front to the left and to the right, looking down at the lift.
+const CAMERAS_M: [[f64; 3]; 2] = [[0.57, 0.42, 0.48], [0.57, -0.42, 0.48]];
+/// Points that both cameras together keep of a frame.
+const CAMERA_POINTS: usize = 1000;
+
+/// What two depth cameras see of the rollout: points of the rope's side that face a camera, each off by
+/// normal noise of `noise_m` along its ray. The rope is round, one slice's frame is that of its chord;
+/// one part of the rope hiding another is not modelled, and does not happen in a lift.
+pub fn seen_by_cameras(scene: &Scene, rollout: &Rollout<f64>, noise_m: f64, seed: u64) -> Vec<Vec<[f64; 3]>> {
+    let radius_m = 0.5 * scene.rope.diameter_m;
+    let mut rng = stream(seed, 0);
+    rollout
+        .frames
+        .iter()
+        .map(|line| {
+            let mut points = Vec::with_capacity(CAMERA_POINTS);
+            while points.len() < CAMERA_POINTS {
+                let camera = CAMERAS_M[points.len() % 2];
+                let (point, normal) = surface_point(line, radius_m, &mut rng);
+                let ray: [f64; 3] = std::array::from_fn(|k| point[k] - camera[k]);
+                let range = dot(ray, ray).sqrt();
+                // Visible area shrinks with the angle between ray and normal; so do pixels.
+                if rng.random::<f64>() < -dot(ray, normal) / range {
+                    let error = noise_m * standard_normal(&mut rng) / range;
+                    points.push(std::array::from_fn(|k| point[k] + error * ray[k]));
+                }
+            }
+            points
+        })
+        .collect()
+}
+
+/// A random point of the side of a tube around `line`, and its outward normal.
+fn surface_point(line: &[[f64; 3]], radius_m: f64, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64; 3]) {
+    let along = rng.random::<f64>() * (line.len() - 1) as f64;
+    let low = (along as usize).min(line.len() - 2);
+    let share = along - low as f64;
+    let (a, b) = (line[low], line[low + 1]);
+    let chord: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+    let length = dot(chord, chord).sqrt();
+    let tangent = chord.map(|c| c / length);
+    // The lift stays in the plane of x and z, so y is always across.
+    let up = [-tangent[2], 0.0, tangent[0]];
+    let (sin, cos) = libm::sincos(std::f64::consts::TAU * rng.random::<f64>());
+    let normal = [cos * up[0], sin, cos * up[2]];
+    let point = std::array::from_fn(|k| a[k] + share * chord[k] + radius_m * normal[k]);
+    (point, normal)
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Box and Muller (1958).
+fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
+    let radius = (-2.0 * libm::log(1.0 - rng.random::<f64>())).sqrt();
+    radius * libm::cos(std::f64::consts::TAU * rng.random::<f64>())
+}
