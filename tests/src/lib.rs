@@ -4,6 +4,7 @@ pub mod camera;
 pub mod contact;
 pub mod dynamics;
 pub mod effects;
+pub mod elastica;
 pub mod motion;
 pub mod rod;
 pub mod sample_rope;

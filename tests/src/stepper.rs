@@ -34,7 +34,7 @@ impl<'a> Stepper<'a> {
         let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
         let dt_s = scene.time_step_s(lame.p_wave_modulus(), viscosities.fold(0.0, f64::max));
         Self {
-            particles: initial_particles(scene, &layout, &masses),
+            particles: initial_particles(scene, &layout, &masses, physics).expect("a straight rope"),
             dt_s,
             scene,
             physics,

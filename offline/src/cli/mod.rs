@@ -1,6 +1,7 @@
 //! Command line of `offline`.
 
 mod demos;
+mod import;
 mod progress;
 mod runs;
 
@@ -74,6 +75,9 @@ enum DemoCommand {
         #[arg(long)]
         out: Option<PathBuf>,
     },
+    /// Turn recordings of other formats into demonstration folders.
+    #[command(subcommand)]
+    Import(import::ImportCommand),
 }
 
 /// What a run works on.
@@ -117,6 +121,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
         Command::Inspect { path } => demos::inspect(&path, json),
     };
     match result {

@@ -59,6 +59,12 @@ fn start(file: &Path, demo: &Demo) -> Result<(), DemoError> {
             "start at rest, or label points along the rope",
         );
     }
+    if spec.start == StartState::Moving && demo.times_s()[0].abs() > 1e-6 {
+        return fail(
+            "start = \"moving\", but the first frame is not at t_s = 0",
+            "shift all times so that the first frame is at 0",
+        );
+    }
     if spec.scene == SceneKind::Static && spec.start == StartState::Moving {
         return fail(
             "a static scene that starts moving",
@@ -168,7 +174,10 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if !(0.0..=10.0).contains(&rope.end_mass_kg) {
         return fail(
-            format!("rope.end_mass_kg = {} is no mass at a rope's end", rope.end_mass_kg),
+            format!(
+                "rope.end_mass_kg = {} is no mass at a rope's end",
+                rope.end_mass_kg
+            ),
             "give it in kg, from 0 to 10",
         );
     }

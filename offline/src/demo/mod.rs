@@ -4,6 +4,7 @@
 mod check;
 mod draw;
 mod error;
+pub mod import;
 mod points;
 mod read;
 mod summary;
@@ -163,6 +164,9 @@ pub struct DemoSpec {
     pub scene: SceneKind,
     /// Declared standard deviation of one measured point along each axis, m.
     pub noise_m: f64,
+    /// Whether only x and z were measured: the motion is planar, y is the plane's and says nothing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub planar: bool,
     /// Free text.
     #[serde(default)]
     pub notes: String,

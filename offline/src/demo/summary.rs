@@ -44,7 +44,10 @@ pub fn summary(demo: &Demo) -> String {
         rest_frames(demo, &frames)
     );
     let table = demo.spec.table.as_ref().map_or("no table".to_owned(), |table| {
-        format!("table at {:.3} m with friction {:.2}", table.height_m, table.friction)
+        format!(
+            "table at {:.3} m with friction {:.2}",
+            table.height_m, table.friction
+        )
     });
     let _ = writeln!(
         text,

@@ -92,9 +92,9 @@ fn panels_of(demo: &Demo, before: &DemoView, after: &DemoView, dots: usize) -> V
     let up = ((y.end - y.start) / scale).clamp(HEIGHT_PX.start, HEIGHT_PX.end);
     widen(&mut x, scale * across);
     widen(&mut y, scale * up);
-    let table = height_m.filter(|height_m| y.contains(height_m)).map(|height_m| {
-        series(FAINT, Mark::Line(1), vec![[x.start, height_m], [x.end, height_m]])
-    });
+    let table = height_m
+        .filter(|height_m| y.contains(height_m))
+        .map(|height_m| series(FAINT, Mark::Line(1), vec![[x.start, height_m], [x.end, height_m]]));
     for panel in &mut panels {
         (panel.x, panel.y) = (x.clone(), y.clone());
         panel.size_px.1 = FRAME_PX.1 + up.round() as u32;

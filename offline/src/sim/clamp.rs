@@ -153,6 +153,11 @@ impl<T: Real> RigidMotion<T> {
         }
     }
 
+    /// Where a direction of the first pose points now.
+    pub fn turn(&self, direction: [f64; 3]) -> Vec3<T> {
+        matvec(&self.rotation, direction.map(T::of))
+    }
+
     /// Where a point goes whose offset from the first pose's position was `offset_m`.
     #[inline(always)]
     pub fn place(&self, offset_m: [f64; 3]) -> Vec3<T> {

@@ -45,6 +45,20 @@ pub enum Cause {
         /// Free length of rope between them, m.
         length_m: f64,
     },
+    /// Newton's method found no pose at rest.
+    #[error(
+        "no pose at rest was found, the last step moved the rope by {moved_m:.1e} m: it may be too soft or buckle"
+    )]
+    NoRest {
+        /// Size of the last step, m.
+        moved_m: f64,
+    },
+    /// The rope would rest on the table, which poses at rest do not know.
+    #[error("the rope at rest reaches down to z = {lowest_m:.3} m and would lie on the table")]
+    RestsOnTable {
+        /// Height of its lowest point, m.
+        lowest_m: f64,
+    },
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]
     BadParameter {

@@ -19,7 +19,9 @@
 //! ([`step`]). Nothing here reads a clock, a file or a random source; the same scene gives the same
 //! bits for every thread count, because one rollout runs on one thread.
 
+pub mod band;
 pub mod clamp;
+pub mod curve;
 pub mod dual;
 pub mod elastic;
 pub mod error;
@@ -30,6 +32,8 @@ pub mod real;
 pub mod rollout;
 pub mod rope;
 pub mod scene;
+pub mod start;
+pub mod statics;
 pub mod step;
 pub mod tensor;
 

@@ -57,6 +57,17 @@ pub trait Real:
     /// Rotation R of the polar decomposition of a matrix with positive determinant.
     fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self>;
 
+    /// Number of derivatives that a number carries.
+    const TANGENTS: usize = 0;
+    /// Derivative number `index`.
+    fn tangent(self, _index: usize) -> f64 {
+        0.0
+    }
+    /// A number from its value and its derivatives.
+    fn with_tangents(value: f64, _tangent: impl Fn(usize) -> f64) -> Self {
+        Self::of(value)
+    }
+
     /// Zero.
     fn zero() -> Self {
         Self::of(0.0)

@@ -7,9 +7,11 @@ use super::physics::Physics;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
+use super::start::{Hang, Start};
+use super::statics::{Pose, Statics};
 use super::step::{Particle, StepContext, step};
 use super::tensor::{Vec3, add, scaled, sub, zero3};
-use crate::demo::RopeEnd;
+use rayon::prelude::*;
 
 /// What a simulation returns.
 #[derive(Clone, Debug)]
@@ -26,39 +28,103 @@ pub struct Rollout<T> {
     pub dt_s: f64,
 }
 
-/// Particles of the undeformed rope at rest.
-pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
+/// Particles of the rope as the scene starts.
+///
+/// # Errors
+/// The rope hangs, and no pose at rest was found.
+pub fn initial_particles<T: Real>(
+    scene: &Scene,
+    layout: &RopeLayout,
+    masses_kg: &[T],
+    physics: &Physics<T>,
+) -> Result<Vec<Particle<T>>, Cause> {
     let (side, up) = perpendicular(scene.direction);
-    (0..layout.particles())
+    let straight = std::array::from_fn(|k| [scene.direction[k], side[k], up[k]].map(T::of));
+    let mut particles: Vec<Particle<T>> = (0..layout.particles())
         .map(|index| {
-            let s = layout.slice_of(index).arc_m;
-            let [a, b] = layout.section_m[index % layout.section_m.len()];
-            let position: [f64; 3] =
-                std::array::from_fn(|k| scene.start_m[k] + s * scene.direction[k] + a * side[k] + b * up[k]);
-            let grip = scene.grips.iter().position(|grip| {
-                let from_end = match grip.end {
-                    RopeEnd::Start => s,
-                    RopeEnd::End => layout.shape.length_m - s,
-                };
-                from_end <= grip.length_m
-            });
+            let material_m = layout.material_m(index);
             Particle {
-                position_m: position.map(T::of),
+                position_m: scene.straight_m(material_m).map(T::of),
                 velocity_m_s: zero3(),
                 deformation_rate: [zero3(); 3],
-                deformation_gradient: std::array::from_fn(|k| {
-                    [scene.direction[k], side[k], up[k]].map(T::of)
-                }),
+                deformation_gradient: straight,
                 mass_kg: masses_kg[index],
                 volume_m3: layout.particle_volume_m3(index),
                 length_m: layout.particle_length_m(index),
-                grip: grip.map(|g| {
-                    let first = scene.grips[g].path.knots()[0].pose;
-                    (g, std::array::from_fn(|k| position[k] - first[k]))
-                }),
+                grip: scene.grip_offset(material_m),
             }
         })
-        .collect()
+        .collect();
+    if let Some(hang) = scene.start.hang() {
+        let statics = Statics::new(scene, physics);
+        let first = statics.solve(&hang.poses[0])?;
+        let later = match (&scene.start, hang.poses.get(1)) {
+            (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
+            _ => None,
+        };
+        for (index, particle) in particles.iter_mut().enumerate() {
+            let (x, f) = statics.particle(&first, index);
+            (particle.position_m, particle.deformation_gradient) = (x, f);
+            if let Some((after_s, nodes)) = &later {
+                let (x1, f1) = statics.particle(nodes, index);
+                particle.velocity_m_s = scaled(sub(x1, x), 1.0 / after_s);
+                particle.deformation_rate = std::array::from_fn(|k| scaled(sub(f1[k], f[k]), 1.0 / after_s));
+            }
+        }
+    }
+    Ok(particles)
+}
+
+/// Mass of every particle, kg: the rope's, the declared mass at its end, and what the laws change.
+pub(super) fn particle_masses<T: Real>(scene: &Scene, layout: &RopeLayout, physics: &Physics<T>) -> Vec<T> {
+    let density = scene.rope.density_kg_m3();
+    let members = layout.section_m.len();
+    let first_of_end = layout.particles() - members;
+    let mut masses: Vec<T> = (0..layout.particles())
+        .map(|p| {
+            let end = if p >= first_of_end {
+                scene.end_mass_kg / members as f64
+            } else {
+                0.0
+            };
+            T::of(density * layout.particle_volume_m3(p) + end)
+        })
+        .collect();
+    for law in &physics.mass_laws {
+        law.change_masses_kg(layout, &mut masses);
+    }
+    masses
+}
+
+/// The poses of a scene without time.
+fn hang_still<T: Real>(scene: &Scene, physics: &Physics<T>, hang: &Hang) -> Result<Rollout<T>, SimError> {
+    let statics = Statics::new(scene, physics);
+    let layout = scene.layout();
+    let members = layout.section_m.len();
+    let frame = |pose: &Pose| {
+        let nodes = statics.solve(pose).map_err(|cause| SimError {
+            step: 0,
+            t_s: pose.t_s,
+            cause,
+        })?;
+        let middle = |slice: usize| {
+            let of_slice = slice * members..(slice + 1) * members;
+            let sum = of_slice.fold(zero3(), |sum, p| add(sum, statics.particle(&nodes, p).0));
+            scaled(sum, 1.0 / members as f64)
+        };
+        Ok((0..layout.slices.len()).map(middle).collect())
+    };
+    Ok(Rollout {
+        frames: hang
+            .poses
+            .par_iter()
+            .map(frame)
+            .collect::<Result<_, SimError>>()?,
+        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
+        reach_m: None,
+        steps: 0,
+        dt_s: 0.0,
+    })
 }
 
 /// Simulates a scene.
@@ -85,15 +151,12 @@ unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollo
 #[inline(always)]
 fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     check_parameters(physics)?;
-    let layout = scene.layout();
-    let density = scene.rope.density_kg_m3();
-    let mut masses: Vec<T> = (0..layout.particles())
-        .map(|p| T::of(density * layout.particle_volume_m3(p)))
-        .collect();
-    for law in &physics.mass_laws {
-        law.change_masses_kg(&layout, &mut masses);
+    if let Start::Poses(hang) = &scene.start {
+        return hang_still(scene, physics, hang);
     }
-    let mut particles = initial_particles(scene, &layout, &masses);
+    let layout = scene.layout();
+    let masses = particle_masses(scene, &layout, physics);
+    let mut particles = initial_particles(scene, &layout, &masses, physics).map_err(SimError::at_start)?;
     let lame = physics.lame();
     let viscosity = physics
         .stress_laws
@@ -261,7 +324,7 @@ fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: f64) 
 }
 
 /// Two unit vectors that complete `axis` to a right-handed frame.
-fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+pub(super) fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]
     } else {
