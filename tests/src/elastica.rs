@@ -21,7 +21,10 @@ pub struct Elastica {
 }
 
 /// Number of links.
-const LINKS: usize = 200;
+const LINKS: usize = 120;
+/// The solution is followed from a rod this many times as stiff, in this many stages.
+const STIFFEST: f64 = 300.0;
+const STAGES: u32 = 16;
 
 impl Elastica {
     /// Points (x, z) at the ends of the links, from the near clamp on, m. `guess` gives the angle of
@@ -35,17 +38,28 @@ impl Elastica {
         for i in 0..LINKS {
             unknowns[i] = guess((i as f64 + 0.5) / LINKS as f64);
         }
+        // From a stiff rod, which lies near the guess, to the soft one.
+        for stage in (0..=STAGES).rev() {
+            let stiffer = Self {
+                bending_n_m2: self.bending_n_m2 * STIFFEST.powf(f64::from(stage) / f64::from(STAGES)),
+                ..*self
+            };
+            stiffer.settle(&mut unknowns);
+        }
+        self.chain(&unknowns)
+    }
+
+    fn settle(&self, unknowns: &mut DVector<f64>) {
         for round in 0.. {
-            assert!(round < 200, "the elastica does not converge");
-            let (residual, slope) = self.equations(&unknowns);
+            assert!(round < 100, "the elastica does not converge");
+            let (residual, slope) = self.equations(unknowns);
             let step = slope.lu().solve(&residual).expect("a regular system");
             let largest = step.rows(0, LINKS).amax();
-            unknowns -= &step * (0.3 / largest).min(1.0);
-            if largest < 1e-11 {
+            *unknowns -= &step * (0.3 / largest).min(1.0);
+            if largest < 1e-10 {
                 break;
             }
         }
-        self.chain(&unknowns)
     }
 
     fn chain(&self, angles: &DVector<f64>) -> Vec<[f64; 2]> {

@@ -80,11 +80,7 @@ impl Rope {
                 quaternion_xyzw: [0.0, half.sin(), 0.0, half.cos()],
                 closed: true,
             });
-            // Start the search where the rope hangs down, as it does far from the clamp.
-            let down = -std::f64::consts::FRAC_PI_2;
-            let points = self
-                .elastica(angle)
-                .points_m(|share| angle + (down - angle) * share);
+            let points = self.elastica(angle).points_m(|_| angle);
             markers.extend(markers_on(&points, t_s, self.free_m, seen));
         }
         let clamps = vec![ClampSpec {

@@ -78,6 +78,9 @@ enum DemoCommand {
     /// Turn recordings of other formats into demonstration folders.
     #[command(subcommand)]
     Import(import::ImportCommand),
+    /// Write a demonstration in another format.
+    #[command(subcommand)]
+    Export(import::ExportCommand),
 }
 
 /// What a run works on.
@@ -121,6 +124,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Demo(DemoCommand::Export(target)) => import::export(target, json),
         Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
         Command::Inspect { path } => demos::inspect(&path, json),
     };

@@ -4,15 +4,20 @@
 mod check;
 mod draw;
 mod error;
+mod export;
 pub mod import;
+mod pcd;
+mod plausible;
 mod points;
 mod read;
+mod ros;
 mod summary;
 mod table;
 mod write;
 
 pub use draw::plot_svg;
 pub use error::DemoError;
+pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};
 pub use summary::{summary, warnings};
 
 use serde::{Deserialize, Serialize};

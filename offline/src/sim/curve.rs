@@ -93,11 +93,13 @@ pub fn turned(frame: &Mat3<f64>, tangent: [f64; 3]) -> Mat3<f64> {
     if cosine < -0.999_999 {
         return [tangent, frame[1], scaled(frame[2], -1.0)];
     }
-    // Rodrigues' formula for the rotation by the angle between two unit vectors.
-    frame.map(|v| {
-        let share = dot(axis, v) / (1.0 + cosine);
-        add(add(scaled(v, cosine), cross(axis, v)), scaled(axis, share))
-    })
+    // Rodrigues' formula for the rotation by the angle between two unit vectors, and what rounding
+    // left of the tangent taken out: it would double with every turn.
+    let side = frame[1];
+    let share = dot(axis, side) / (1.0 + cosine);
+    let side = add(add(scaled(side, cosine), cross(axis, side)), scaled(axis, share));
+    let side = unit(sub(side, scaled(tangent, dot(side, tangent))));
+    [tangent, side, cross(tangent, side)]
 }
 
 #[cfg(test)]

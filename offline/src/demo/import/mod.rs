@@ -2,11 +2,13 @@
 //! is marked as assumed in the demonstration, never made up in silence.
 
 mod deform;
+mod mcap;
 mod noodle;
 mod npy;
 mod pac_cables;
 mod wires;
 
+pub use self::mcap::{McapTopics, mcap};
 pub use deform::deform;
 pub use noodle::noodle;
 pub use pac_cables::pac_cables;
