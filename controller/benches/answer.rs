@@ -1,6 +1,8 @@
 //! What an answer costs: the policy's forward pass, inverse kinematics, and the whole plan of a goal.
 
-use controller::{motion, plan, sample};
+use controller::plan::{self, Pace, Start};
+use controller::survey::Survey;
+use controller::{motion, sample};
 use criterion::{Criterion, criterion_group, criterion_main};
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::ik;
@@ -51,9 +53,18 @@ fn answer(criterion: &mut Criterion) {
         id: 1,
         x_m: rope.reach_m.at(0.5),
         rope: 0,
-        reserved: 0,
+        keep_alive_ms: 0,
     };
-    let plan = || plan::plan(&blob, black_box(&goal), &LEVEL_POSTURE_RAD, Gripper::Open, 0.004);
+    let start = Start {
+        q_rad: LEVEL_POSTURE_RAD,
+        gripper: Gripper::Open,
+    };
+    let survey = Survey::new(&blob);
+    let pace = Pace {
+        period_s: 0.004,
+        gripper_lead_s: 0.0,
+    };
+    let plan = || plan::plan(&blob, survey.as_ref(), black_box(&goal), &start, &pace);
     plan().expect("the goal can be reached");
     criterion.bench_function("whole_plan", |bencher| bencher.iter(plan));
 }

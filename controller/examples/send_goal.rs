@@ -5,6 +5,7 @@
 use anyhow::{Result, bail};
 use clap::Parser;
 use controller::client::Client;
+use controller::program;
 use shared::messages::{Phase, Reason};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -24,13 +25,7 @@ struct Args {
 }
 
 fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("send_goal: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    program::finish("send_goal", run(&Args::parse()))
 }
 
 fn run(args: &Args) -> Result<()> {

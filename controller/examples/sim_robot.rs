@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Parser;
 use controller::client::{ArmPort, Client};
 use controller::clock;
+use controller::program;
 use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::RobotState;
 use std::process::ExitCode;
@@ -38,7 +39,7 @@ struct Arm {
 }
 
 impl Arm {
-    fn follow(&mut self, port: &ArmPort) {
+    fn follow(&mut self, port: &mut ArmPort) {
         let Some(target) = port.newest_target() else {
             return;
         };
@@ -62,13 +63,7 @@ impl Arm {
 }
 
 fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("sim_robot: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    program::finish("sim_robot", run(&Args::parse()))
 }
 
 fn run(args: &Args) -> Result<()> {
@@ -100,7 +95,7 @@ fn play(arm: &mut Arm, client: &mut Client, ended: &dyn Fn() -> bool) -> Result<
         while client.next_status()?.is_some() {
             heard = Instant::now();
         }
-        arm.follow(&port);
+        arm.follow(&mut port);
         port.send_state(arm.state())?;
         next_ns = (next_ns + PERIOD_NS).max(clock::now_ns());
         clock::sleep_until(next_ns);

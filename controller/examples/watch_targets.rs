@@ -5,6 +5,7 @@
 use anyhow::Result;
 use clap::Parser;
 use controller::client::Client;
+use controller::program;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -21,13 +22,7 @@ struct Args {
 }
 
 fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("watch_targets: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    program::finish("watch_targets", run(&Args::parse()))
 }
 
 fn run(args: &Args) -> Result<()> {

@@ -1,38 +1,36 @@
 //! The ordinary thread between the loop and the world: it carries goals, commands and arm states to the
-//! loop, targets, statuses and records from it. It may allocate and wait; the loop never waits for it.
+//! loop, targets and statuses from it. It may allocate and wait; the loop never waits for it.
 
+use crate::clock;
+use crate::constants::{BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
 use crate::cycle::Queues;
-use crate::recorder;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use shared::messages::{Command, Goal, JointTarget, RobotState, Status};
-use std::fs::File;
-use std::io::BufWriter;
+use std::sync::atomic::Ordering;
 
-/// The publish-subscribe ports of the controller and, if asked for, the recording.
+/// The publish-subscribe ports of the controller.
 pub struct Bridge {
     goals: Subscriber<ipc::Service, Goal, ()>,
     commands: Subscriber<ipc::Service, Command, ()>,
     robots: Subscriber<ipc::Service, RobotState, ()>,
     targets: Publisher<ipc::Service, JointTarget, ()>,
     statuses: Publisher<ipc::Service, Status, ()>,
-    recording: Option<BufWriter<File>>,
     complained: bool,
 }
 
 impl Bridge {
     /// Creates the services and their ports.
-    pub fn new(node: &Node<ipc::Service>, recording: Option<BufWriter<File>>) -> Result<Self, ServiceError> {
+    pub fn new(node: &Node<ipc::Service>) -> Result<Self, ServiceError> {
         Ok(Self {
             goals: GOALS.subscriber(node, true)?,
             commands: COMMANDS.subscriber(node, true)?,
             robots: ROBOT.subscriber(node, true)?,
             targets: TARGETS.publisher(node, true)?,
             statuses: STATUS.publisher(node, true)?,
-            recording,
             complained: false,
         })
     }
@@ -53,21 +51,19 @@ impl Bridge {
             on_status(&status);
             failures[4] = failures[4].take().or(give(&self.statuses, status, queues));
         }
-        self.record(queues);
         for failure in failures.into_iter().flatten() {
             self.complain(&failure);
         }
     }
 
-    fn record(&mut self, queues: &Queues) {
-        let Some(records) = &queues.records else { return };
-        while let Some(record) = records.pop() {
-            let Some(file) = &mut self.recording else { continue };
-            if let Err(error) = recorder::append(file, &record) {
-                self.recording = None;
-                self.complain(&format!("the recording ends here: {error}"));
-            }
-        }
+    /// Rests between two rounds; wakes a little before the loop's next cycle if that comes sooner.
+    pub fn rest(&self, queues: &Queues) {
+        let now_ns = clock::now_ns();
+        let usual_ns = now_ns + BRIDGE_PAUSE_US * 1000;
+        let cycle_ns = queues.next_cycle_ns.load(Ordering::Relaxed);
+        let before_cycle_ns = cycle_ns.saturating_sub(BRIDGE_LEAD_US * 1000);
+        let sooner = now_ns < before_cycle_ns && before_cycle_ns < usual_ns;
+        clock::sleep_until(if sooner { before_cycle_ns } else { usual_ns });
     }
 
     /// Once is enough: what goes wrong every millisecond is counted in the status.

@@ -45,6 +45,7 @@ pub struct ArmPort {
     states: Publisher<ipc::Service, RobotState, ()>,
     newest: NewestReader,
     seq: u64,
+    target_seq: u64,
 }
 
 fn failed(what: &'static str, reason: impl std::fmt::Debug) -> ServiceError {
@@ -56,13 +57,16 @@ fn failed(what: &'static str, reason: impl std::fmt::Debug) -> ServiceError {
 }
 
 impl Client {
-    /// Connects to the controller called `instance`, waiting up to `patience` for it to be there.
+    /// Connects to the controller called `instance`, waiting up to `patience` for it to be there. A
+    /// controller of another version is not waited for.
     pub fn connect(instance: &str, patience: Duration) -> Result<Self, ServiceError> {
         let instance = Instance::new(instance)?;
         let start = Instant::now();
         loop {
             match Self::connect_now(&instance) {
-                Err(_) if start.elapsed() < patience => std::thread::sleep(10 * PAUSE),
+                Err(error) if error.may_pass() && start.elapsed() < patience => {
+                    std::thread::sleep(10 * PAUSE);
+                }
                 outcome => return outcome,
             }
         }
@@ -82,16 +86,32 @@ impl Client {
 
     /// Sends the goal "rope number `rope`, tip at `x_m`" and returns the id that statuses name it by.
     pub fn send_goal(&mut self, rope: u32, x_m: f64) -> Result<u64, ServiceError> {
+        self.send_watched_goal(rope, x_m, 0)
+    }
+
+    /// The same with the promise to call [`Self::keep_alive`] at least every `keep_alive_ms` until the goal
+    /// has ended: when this program dies or hangs, the arm stops. 0 promises nothing.
+    pub fn send_watched_goal(
+        &mut self,
+        rope: u32,
+        x_m: f64,
+        keep_alive_ms: u32,
+    ) -> Result<u64, ServiceError> {
         let goal = Goal {
             magic: GOAL_MAGIC,
             stamp_ns: clock::now_ns(),
             id: self.next_id(),
             x_m,
             rope,
-            reserved: 0,
+            keep_alive_ms,
         };
         self.send_raw_goal(goal)?;
         Ok(goal.id)
+    }
+
+    /// Says that the goal `goal_id` is still wanted.
+    pub fn keep_alive(&mut self, goal_id: u64) -> Result<(), ServiceError> {
+        self.command(CommandKind::KeepAlive, goal_id)
     }
 
     /// Sends a goal as it is, sensible or not.
@@ -104,17 +124,23 @@ impl Client {
 
     /// Sends a command and returns its id.
     pub fn send_command(&mut self, kind: CommandKind) -> Result<u64, ServiceError> {
+        let id = self.next_id();
+        self.command(kind, id)?;
+        Ok(id)
+    }
+
+    fn command(&mut self, kind: CommandKind, id: u64) -> Result<(), ServiceError> {
         let command = Command {
             magic: COMMAND_MAGIC,
             stamp_ns: clock::now_ns(),
-            id: self.next_id(),
+            id,
             kind: kind.code(),
             reserved: 0,
         };
-        match self.commands.send_copy(command) {
-            Ok(_) => Ok(command.id),
-            Err(error) => Err(failed("send", error)),
-        }
+        self.commands
+            .send_copy(command)
+            .map(|_| ())
+            .map_err(|error| failed("send", error))
     }
 
     /// The next target of the stream, if one has come.
@@ -145,6 +171,7 @@ impl Client {
             states: ROBOT.publisher(&self.node, false)?,
             newest: services::newest_reader(&self.node)?,
             seq: 0,
+            target_seq: 0,
         })
     }
 
@@ -157,18 +184,24 @@ impl Client {
 
 impl ArmPort {
     /// The newest target, once there is one. Follow only this: older ones are history.
-    pub fn newest_target(&self) -> Option<JointTarget> {
+    pub fn newest_target(&mut self) -> Option<JointTarget> {
         let target = *self.newest.get();
-        (target.magic == TARGET_MAGIC).then_some(target)
+        if target.magic != TARGET_MAGIC {
+            return None;
+        }
+        self.target_seq = target.seq;
+        Some(target)
     }
 
-    /// Reports what the arm measures; magic word, number and stamp are filled in here.
+    /// Reports what the arm measures; magic word, number, stamp and the newest target read are filled in
+    /// here.
     pub fn send_state(&mut self, state: RobotState) -> Result<(), ServiceError> {
         self.seq += 1;
         let state = RobotState {
             magic: ROBOT_MAGIC,
             seq: self.seq,
             stamp_ns: clock::now_ns(),
+            target_seq: self.target_seq,
             ..state
         };
         self.states

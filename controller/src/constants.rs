@@ -21,6 +21,9 @@ pub const ROBOT_TIMEOUT_DEFAULT_MS: u64 = 200;
 /// Shortest and longest silence that can be asked for; there is no "never".
 pub const ROBOT_TIMEOUT_RANGE_MS: std::ops::RangeInclusive<u64> = 20..=2000;
 
+/// Longest time that a gripper may take to let go, ms; the dwell of the task bounds it too.
+pub const GRIPPER_LATENCY_MAX_MS: u64 = 2000;
+
 /// Largest distance between a measured joint and its target, rad. At the fastest motion this program
 /// plans (1.26 rad/s) it allows 0.12 s of lag.
 pub const FOLLOWING_ERROR_MAX_RAD: f64 = 0.15;
@@ -56,8 +59,8 @@ pub const GRIPPER_S: f64 = 0.8;
 /// A status goes out at least this often, ns.
 pub const STATUS_EVERY_NS: u64 = 100_000_000;
 
-/// Messages that wait between the threads. The bridge empties and fills them every millisecond, so
-/// these hold a stall of a second.
+/// Messages that wait between the threads. The bridge empties and fills them several times a
+/// millisecond, so these hold a stall of a second.
 pub const TARGET_QUEUE: usize = 1024;
 /// Goals and commands that wait for the loop.
 pub const REQUEST_QUEUE: usize = 64;
@@ -68,13 +71,17 @@ pub const STATUS_QUEUE: usize = 256;
 /// Records of cycles that wait for the file: two seconds at 1 kHz.
 pub const RECORD_QUEUE: usize = 2048;
 
-/// Pause of the bridge between two rounds, µs.
-pub const BRIDGE_PAUSE_US: u64 = 1000;
+/// Pause of the bridge between two rounds, µs: short beside the loop's period, so that few goals come too
+/// late for the next cycle, and long beside a round (2 µs).
+pub const BRIDGE_PAUSE_US: u64 = 250;
+
+/// How long before a cycle the bridge makes an extra round, µs, so that few goals are late for it: what an
+/// ordinary thread takes to wake and carry them.
+pub const BRIDGE_LEAD_US: u64 = 100;
 
 /// Priority of the loop: above ordinary programs, below the kernel's own threads.
 pub const FIFO_PRIORITY: i32 = 80;
 
-const _: () = assert!(LOOP_RATE_MAX_HZ.is_multiple_of(TARGET_RATE_MAX_HZ));
 const _: () = assert!(LOOP_RATE_MIN_HZ <= TARGET_RATE_MAX_HZ);
 const _: () = assert!(RESUME_DISTANCE_MAX_RAD < FOLLOWING_ERROR_MAX_RAD);
 const _: () = assert!(GOAL_AHEAD_MAX_NS < GOAL_AGE_MAX_NS);

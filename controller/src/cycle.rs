@@ -1,14 +1,17 @@
 //! One turn of the loop, and the queues through which it meets the rest of the program. Nothing here
 //! allocates, locks, logs or waits.
 
+use crate::allocations;
 use crate::clock::{self, Grid};
 use crate::constants::{RECORD_QUEUE, REQUEST_QUEUE, ROBOT_QUEUE, STATUS_QUEUE, TARGET_QUEUE};
-use crate::recorder::Record;
+use crate::recorder;
+use crate::rt;
 use crate::step::{Controller, Inputs, Output};
-use crate::timing::Timing;
+use crate::timing::{Cost, Timing};
 use crossbeam::queue::ArrayQueue;
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::messages::{Command, CommandKind, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
+use shared::recording::Record;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// What the loop and the bridge share; made once, before the loop starts.
@@ -25,12 +28,14 @@ pub struct Queues {
     pub targets: ArrayQueue<JointTarget>,
     /// Loop to bridge.
     pub statuses: ArrayQueue<Status>,
-    /// Loop to bridge, only when a recording is asked for.
+    /// Loop to recorder, only when a recording is asked for.
     pub records: Option<ArrayQueue<Record>>,
     /// Tells the loop to stop and end.
     pub shutdown: AtomicBool,
     /// Set by the loop when it has ended.
     pub ended: AtomicBool,
+    /// When the next cycle is due, ns; kept by the loop.
+    pub next_cycle_ns: AtomicU64,
     lost: AtomicU64,
 }
 
@@ -47,6 +52,7 @@ impl Queues {
             records: record.then(|| ArrayQueue::new(RECORD_QUEUE)),
             shutdown: AtomicBool::new(false),
             ended: AtomicBool::new(false),
+            next_cycle_ns: AtomicU64::new(0),
             lost: AtomicU64::new(0),
         }
     }
@@ -81,6 +87,7 @@ fn imagined_arm(last: Option<&JointTarget>, now_ns: u64) -> RobotState {
         magic: ROBOT_MAGIC,
         stamp_ns: now_ns,
         q_rad: last.map_or(LEVEL_POSTURE_RAD, |target| target.q_rad),
+        target_seq: last.map_or(0, |target| target.seq),
         ..RobotState::default()
     }
 }
@@ -91,6 +98,8 @@ pub struct Cycle<'a> {
     queues: &'a Queues,
     dry_run: bool,
     last: Option<JointTarget>,
+    /// The goal taken last.
+    goal: Option<Goal>,
 }
 
 impl<'a> Cycle<'a> {
@@ -101,6 +110,7 @@ impl<'a> Cycle<'a> {
             queues,
             dry_run,
             last: None,
+            goal: None,
         }
     }
 
@@ -125,6 +135,7 @@ impl<'a> Cycle<'a> {
     /// One turn for the instant `now_ns`; `write` gets the target for the arm, if there is one.
     pub fn turn(&mut self, now_ns: u64, missed: u64, write: &mut dyn FnMut(&JointTarget)) -> Output {
         let inputs = self.gather(now_ns, missed);
+        self.goal = inputs.goal.or(self.goal);
         let output = self.controller.step(&inputs, now_ns);
         if let Some(target) = &output.target {
             if !self.dry_run {
@@ -137,26 +148,51 @@ impl<'a> Cycle<'a> {
             self.queues.put(&self.queues.statuses, status);
         }
         if let Some(records) = &self.queues.records {
-            self.queues.put(records, Record::new(now_ns, &inputs, &output));
+            let cycle = self.controller.cycles();
+            self.queues
+                .put(records, recorder::record(cycle, now_ns, &inputs, &output));
         }
         output
     }
 
-    /// Turns on the grid until the controller has ended.
+    /// The stamp of the goal whose first target is the one of this turn, ns.
+    fn first_served_ns(&mut self, output: &Output) -> Option<u64> {
+        let target = output.target.as_ref()?;
+        let goal = self
+            .goal
+            .take_if(|goal| goal.id == target.goal_id && goal.id != 0)?;
+        Some(goal.stamp_ns)
+    }
+
+    /// Turns on the grid until the controller has ended; counts what this thread asks for meanwhile.
     pub fn run(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
+        let faults_before = rt::page_faults();
+        let ((), allocator_calls) = allocations::watched(|| self.turn_on_grid(period_ns, timing, write));
+        timing.note_cost(Cost {
+            allocator_calls,
+            page_faults: rt::page_faults() - faults_before,
+        });
+        self.queues.ended.store(true, Ordering::Release);
+    }
+
+    fn turn_on_grid(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
         let mut grid = Grid::new(clock::now_ns(), period_ns);
         loop {
             let deadline_ns = grid.next_ns();
             clock::sleep_until(deadline_ns);
             let woke_ns = clock::now_ns();
             let served_ns = grid.serve(woke_ns);
-            let ended = self.turn(served_ns, grid.missed(), write).ended;
-            timing.note(deadline_ns, woke_ns, clock::now_ns());
-            if ended {
+            self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Relaxed);
+            let output = self.turn(served_ns, grid.missed(), write);
+            let done_ns = clock::now_ns();
+            timing.note(deadline_ns, woke_ns, done_ns);
+            if let Some(sent_ns) = self.first_served_ns(&output) {
+                timing.note_goal(sent_ns, woke_ns, done_ns);
+            }
+            if output.ended {
                 break;
             }
         }
-        self.queues.ended.store(true, Ordering::Release);
     }
 }
 
@@ -183,6 +219,7 @@ mod tests {
             cycle_ns: 4_000_000,
             cycles_per_target: 1,
             silent_cycles_max: 50,
+            gripper_lead_ns: 0,
             degraded: 0,
         })
     }

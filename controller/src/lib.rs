@@ -6,6 +6,7 @@
 //! client ◄ JointTarget, Status ─┘
 //! ```
 
+pub mod allocations;
 pub mod bench;
 pub mod bridge;
 pub mod client;
@@ -16,6 +17,7 @@ pub mod guard;
 pub mod motion;
 pub mod plan;
 pub mod policy_file;
+pub mod program;
 pub mod recorder;
 pub mod rt;
 pub mod sample;
@@ -23,4 +25,5 @@ pub mod serve;
 pub mod services;
 pub mod session;
 pub mod step;
+pub mod survey;
 pub mod timing;

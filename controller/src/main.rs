@@ -2,13 +2,16 @@
 
 use anyhow::{Context, Result, bail};
 use clap::{CommandFactory, Parser, Subcommand};
-use controller::constants::{ROBOT_TIMEOUT_DEFAULT_MS, ROBOT_TIMEOUT_RANGE_MS};
+use controller::bench::LoopReport;
+use controller::constants::{GRIPPER_LATENCY_MAX_MS, ROBOT_TIMEOUT_DEFAULT_MS, ROBOT_TIMEOUT_RANGE_MS};
 use controller::policy_file;
-use controller::recorder::{self, Header};
+use controller::program;
+use controller::recorder;
 use controller::serve::{self, Options, Rate};
 use controller::session::DEFAULT_INSTANCE;
 use controller::step::{Controller, Setup};
-use controller::{bench, motion, rt, sample};
+use controller::timing::Percentiles;
+use controller::{allocations, bench, motion, rt, sample};
 use serde_json::json;
 use shared::arm::{self, DEFAULT_TASK_FRAME, Joints};
 use shared::ik;
@@ -17,6 +20,9 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
+
+#[global_allocator]
+static ALLOCATOR: allocations::Counting = allocations::Counting;
 
 const EXAMPLES: &str = "Examples:
   controller --policy runs/red/policy.blob                  stream targets to the arm's driver
@@ -39,7 +45,8 @@ struct ServeArgs {
     /// The policy file that `offline freeze` wrote
     #[arg(long, value_name = "FILE")]
     policy: Option<PathBuf>,
-    /// Cycles per second: 100 to 250, or 500, 750, 1000; targets leave at 250 or at this, if lower
+    /// Cycles per second, 100 to 1000; the arm gets at most 250 targets a second (exactly 250 at 250,
+    /// 500, 750 and 1000)
     #[arg(long, value_name = "HZ", default_value = "250")]
     rate_hz: Rate,
     /// Send no targets; imagine an arm that follows at once
@@ -51,6 +58,10 @@ struct ServeArgs {
     /// Silence of the arm, ms, after which a motion is stopped (20 to 2000)
     #[arg(long, value_name = "MS", default_value_t = ROBOT_TIMEOUT_DEFAULT_MS, value_parser = timeout)]
     robot_timeout_ms: u64,
+    /// Time the gripper takes to let go, ms (0 to 2000): it is told to open that much before the release.
+    /// `offline diagnose` finds it as the effect "release delay"
+    #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=GRIPPER_LATENCY_MAX_MS))]
+    gripper_latency_ms: u64,
     /// Record every cycle to this file, for `controller replay`
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -85,7 +96,7 @@ enum Command {
         json: bool,
     },
     /// Measure the loop's punctuality on this machine and the cost of its parts
-    #[command(after_help = "Example: controller bench --rate-hz 1000 --seconds 10")]
+    #[command(after_help = "Example: controller bench --rate-hz 1000 --seconds 10 --histograms bench/")]
     Bench {
         /// Use this policy; an untrained one otherwise
         #[arg(long, value_name = "FILE")]
@@ -93,21 +104,21 @@ enum Command {
         /// Cycles per second, as for the controller itself
         #[arg(long, value_name = "HZ", default_value = "250")]
         rate_hz: Rate,
-        /// How long to run the loop
+        /// How long to run the loop under each load, and cyclictest (if installed) again
         #[arg(long, value_name = "S", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
         seconds: u64,
+        /// Write HDR histograms (.hgrm) into this folder
+        #[arg(long, value_name = "DIR")]
+        histograms: Option<PathBuf>,
         /// One JSON object on standard output
         #[arg(long)]
         json: bool,
     },
     /// Feed a recording's inputs to the controller again and compare every output bit for bit
-    #[command(after_help = "Example: controller replay run.rec --policy runs/red/policy.blob")]
+    #[command(after_help = "Example: controller replay run.rec")]
     Replay {
-        /// The recording
+        /// The recording; it holds the policy file of its run
         file: PathBuf,
-        /// The policy file of that run
-        #[arg(long, value_name = "FILE")]
-        policy: PathBuf,
         /// One JSON object on standard output
         #[arg(long)]
         json: bool,
@@ -138,17 +149,15 @@ fn main() -> ExitCode {
             policy,
             rate_hz,
             seconds,
+            histograms,
             json,
-        }) => run_bench(policy.as_deref(), rate_hz, seconds, json),
-        Some(Command::Replay { file, policy, json }) => replay(&file, &policy, json),
-    };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("controller: {error:#}");
-            ExitCode::FAILURE
+        }) => {
+            let duration = Duration::from_secs(seconds);
+            run_bench(policy.as_deref(), rate_hz, duration, histograms.as_deref(), json)
         }
-    }
+        Some(Command::Replay { file, json }) => replay(&file, json),
+    };
+    program::finish("controller", outcome)
 }
 
 fn run_controller(args: ServeArgs) -> Result<()> {
@@ -164,6 +173,7 @@ fn run_controller(args: ServeArgs) -> Result<()> {
         dry_run: args.dry_run,
         instance: args.instance,
         robot_timeout_ms: args.robot_timeout_ms,
+        gripper_latency_ms: args.gripper_latency_ms,
         record: args.record,
     })
 }
@@ -227,59 +237,88 @@ fn inverse(point_m: [f64; 2], policy: Option<&Path>, as_json: bool) -> Result<()
     Ok(())
 }
 
-fn run_bench(policy: Option<&Path>, rate: Rate, seconds: u64, as_json: bool) -> Result<()> {
+fn run_bench(
+    policy: Option<&Path>,
+    rate: Rate,
+    duration: Duration,
+    histograms: Option<&Path>,
+    as_json: bool,
+) -> Result<()> {
     let blob = match policy {
         Some(path) => policy_file::read(path)?.blob,
         None => sample::blob(),
     };
-    let report = bench::run(&blob, rate, Duration::from_secs(seconds));
+    let report = bench::run(&bench::Settings {
+        blob: &blob,
+        rate,
+        duration,
+        histograms,
+    })?;
     if as_json {
         println!("{}", serde_json::to_string(&report)?);
         return Ok(());
     }
-    println!("machine        {}", report.degraded);
-    println!(
-        "period         {} us, {} cycles missed",
-        report.period_ns / 1000,
-        report.missed
-    );
-    println!("wake-up late   {}", report.wake);
-    println!("between turns  {}", report.between_turns);
-    println!("turn           {}", report.turn);
-    println!("policy         {}", report.policy);
-    println!("ik, middle     {}", report.ik_from_middle);
-    println!("ik, on a line  {}", report.ik_along_line);
+    println!("machine         {}", report.degraded);
+    println!("period          {} us", report.period_ns / 1000);
+    if let Some(reason) = &report.cyclictest_missing {
+        println!("comparison      {reason}");
+    }
+    print_loop("nothing else runs", &report.idle);
+    match &report.saturated {
+        Some(saturated) => print_loop("every other processor busy", saturated),
+        None => println!("every other processor busy: there is no other processor"),
+    }
+    println!("parts of an answer");
+    let parts = &report.parts;
+    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
+    line("policy", &parts.policy);
+    line("ik, middle", &parts.ik_from_middle);
+    line("ik, on a line", &parts.ik_along_line);
+    line("whole plan", &parts.plan);
+    line(".. unsurveyed", &parts.plan_unsurveyed);
     Ok(())
 }
 
-fn replay(file: &Path, policy: &Path, as_json: bool) -> Result<()> {
-    let policy = policy_file::read(policy)?;
+fn print_loop(load: &str, report: &LoopReport) {
+    println!(
+        "{load}: {} cycles, {} missed, {}",
+        report.turn.count, report.missed, report.cost
+    );
+    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
+    line("wake-up late", &report.wake);
+    if let (Some(other), Some(ratio)) = (&report.cyclictest, report.wake_p99_ratio) {
+        line("cyclictest", other);
+        println!("  {:<15}{ratio:.2} times cyclictest's p99", "ratio");
+    }
+    line("period jitter", &report.jitter);
+    line("turn", &report.turn);
+    line("planning turn", &report.answer);
+    line("goal to target", &report.goal_to_first_target);
+    println!("  {:<15}{} goals", "", report.goal_to_first_target.count);
+}
+
+fn replay(file: &Path, as_json: bool) -> Result<()> {
     let name = file.display();
     let mut input = BufReader::new(File::open(file).with_context(|| format!("cannot open {name}"))?);
-    let header = Header::read(&mut input)
+    let head = recorder::read_head(&mut input)
         .with_context(|| format!("cannot read {name}"))?
-        .with_context(|| format!("{name} is not a recording: give a file that --record wrote"))?;
-    if header.policy_crc != u64::from(policy.crc) {
-        bail!("{name} was recorded with another policy file: give the one of that run");
-    }
-    if header.cycle_ns == 0 || header.cycles_per_target == 0 {
-        bail!("{name} is damaged: its header names no period");
-    }
+        .with_context(|| {
+            format!("{name} is not a recording: give a file that --record of this version wrote")
+        })?;
+    let policy = policy_file::checked(file, head.policy)?;
     rt::flush_denormals();
+    let header = head.header;
     let controller = Controller::new(Setup {
         blob: policy.blob,
         cycle_ns: header.cycle_ns,
         cycles_per_target: header.cycles_per_target,
         silent_cycles_max: header.silent_cycles_max,
+        gripper_lead_ns: header.gripper_lead_ns,
         degraded: header.degraded,
     });
     let found = recorder::replay(&mut input, controller).with_context(|| format!("cannot read {name}"))?;
     if as_json {
-        println!(
-            "{}",
-            json!({ "cycles": found.cycles, "targets": found.targets, "truncated": found.truncated,
-                    "first_difference": found.first_difference })
-        );
+        println!("{}", serde_json::to_string(&found)?);
     } else {
         let end = if found.truncated {
             ", the file ends within a record"
@@ -288,8 +327,13 @@ fn replay(file: &Path, policy: &Path, as_json: bool) -> Result<()> {
         };
         println!("{} cycles, {} targets{end}", found.cycles, found.targets);
     }
-    match found.first_difference {
-        None => Ok(()),
-        Some(cycle) => bail!("cycle {cycle} differs from the recording"),
+    if let Some(cycle) = found.first_difference {
+        bail!("cycle {cycle} differs from the recording");
     }
+    if let Some(cycle) = found.gap_after {
+        bail!(
+            "the disk was too slow for the recorder: what follows cycle {cycle} cannot be replayed, all before agrees"
+        );
+    }
+    Ok(())
 }

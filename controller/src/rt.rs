@@ -3,6 +3,8 @@
 
 use crate::constants::FIFO_PRIORITY;
 use shared::messages::degraded;
+use std::fs::File;
+use std::io::Write;
 
 /// Asks for everything, for the calling thread, and returns the bits of what was refused.
 pub fn prepare_thread() -> u32 {
@@ -10,7 +12,8 @@ pub fn prepare_thread() -> u32 {
     if !lock_memory() {
         refused |= degraded::NO_MEMLOCK;
     }
-    if !bind_to_last_processor() {
+    // The last processor permitted: the first ones serve most interrupts.
+    if !processors().last().is_some_and(|&last| bind_to(last)) {
         refused |= degraded::NO_AFFINITY;
     }
     if !flush_denormals() {
@@ -30,6 +33,7 @@ pub fn describe(refused: u32) -> String {
         (degraded::NO_MEMLOCK, "memory not locked"),
         (degraded::NO_FLUSH_TO_ZERO, "denormals not flushed"),
         (degraded::DRY_RUN, "dry run"),
+        (degraded::MAY_SLEEP, "processors may sleep deeply"),
     ];
     let set: Vec<&str> = names
         .iter()
@@ -43,28 +47,52 @@ pub fn describe(refused: u32) -> String {
     }
 }
 
+/// Keeps every processor out of deep sleep for as long as what comes back is open (the kernel's
+/// interface for quality of service: a latency of 0 µs, in binary); `None` when refused.
+pub fn keep_processors_awake() -> Option<File> {
+    let mut file = File::options().write(true).open("/dev/cpu_dma_latency").ok()?;
+    file.write_all(&0i32.to_ne_bytes()).ok()?;
+    Some(file)
+}
+
+/// Page faults of the calling thread so far.
+pub fn page_faults() -> u64 {
+    // SAFETY: the structure is plain numbers that the kernel fills.
+    let usage = unsafe {
+        let mut usage: libc::rusage = std::mem::zeroed();
+        libc::getrusage(libc::RUSAGE_THREAD, &mut usage);
+        usage
+    };
+    (usage.ru_minflt + usage.ru_majflt) as u64
+}
+
 /// Also touches every page, so that no page fault is left for later.
 fn lock_memory() -> bool {
     // SAFETY: the call changes how memory is backed, not what it holds.
     unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) == 0 }
 }
 
-/// The last processor permitted: the first ones serve most interrupts.
-fn bind_to_last_processor() -> bool {
-    // SAFETY: the set is plain bits that the kernel fills and reads; indices stay below its size.
+/// The processors that the calling thread may run on, ascending.
+pub fn processors() -> Vec<usize> {
+    // SAFETY: the set is plain bits that the kernel fills; indices stay below its size.
     unsafe {
         let mut set: libc::cpu_set_t = std::mem::zeroed();
-        let size = std::mem::size_of::<libc::cpu_set_t>();
-        if libc::sched_getaffinity(0, size, &mut set) != 0 {
-            return false;
+        if libc::sched_getaffinity(0, std::mem::size_of::<libc::cpu_set_t>(), &mut set) != 0 {
+            return Vec::new();
         }
-        let last = (0..libc::CPU_SETSIZE as usize)
-            .rev()
-            .find(|&cpu| libc::CPU_ISSET(cpu, &set));
-        let Some(last) = last else { return false };
-        libc::CPU_ZERO(&mut set);
-        libc::CPU_SET(last, &mut set);
-        libc::sched_setaffinity(0, size, &set) == 0
+        (0..libc::CPU_SETSIZE as usize)
+            .filter(|&cpu| libc::CPU_ISSET(cpu, &set))
+            .collect()
+    }
+}
+
+/// Binds the calling thread to one processor.
+pub fn bind_to(cpu: usize) -> bool {
+    // SAFETY: the set is plain bits that the kernel reads; the index comes from `processors`.
+    unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        libc::CPU_SET(cpu, &mut set);
+        libc::sched_setaffinity(0, std::mem::size_of::<libc::cpu_set_t>(), &set) == 0
     }
 }
 

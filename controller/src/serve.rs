@@ -1,26 +1,26 @@
-//! The running controller: starts the session, the loop's thread and the bridge, and ends them in order.
+//! The running controller: starts the session, the loop's thread, the bridge and the recorder, and ends
+//! them in order.
 
 use crate::bridge::Bridge;
-use crate::constants::{BRIDGE_PAUSE_US, LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
+use crate::constants::{LOOP_RATE_MAX_HZ, LOOP_RATE_MIN_HZ, TARGET_RATE_MAX_HZ};
 use crate::cycle::{Cycle, Queues};
 use crate::policy_file::{self, PolicyFile};
-use crate::recorder::Header;
+use crate::recorder::{self, Recorder};
 use crate::rt;
 use crate::services;
 use crate::session::Instance;
 use crate::step::{Controller, Setup};
 use crate::timing::Timing;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use iceoryx2::prelude::Config;
+use shared::blob::Blob;
 use shared::messages::{Phase, Reason, Status, degraded};
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::PathBuf;
+use shared::recording::Header;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// What can be chosen about a run.
 #[derive(Clone, Debug)]
@@ -35,12 +35,15 @@ pub struct Options {
     pub instance: String,
     /// Silence of the arm after which a motion is stopped, ms.
     pub robot_timeout_ms: u64,
+    /// Time that the gripper takes to let go, ms; it is told to open that much before the release.
+    pub gripper_latency_ms: u64,
     /// Where to write a recording.
     pub record: Option<PathBuf>,
 }
 
-/// Cycles per second: 100 to 250, or a whole multiple of 250 up to 1000, so that every target falls on
-/// a cycle and the arm gets at most 250 a second.
+/// Cycles per second, 100 to 1000. Every target falls on a cycle, and the arm gets at most 250 a second:
+/// exactly 250 at 250, 500, 750 and 1000, else the largest part of the rate that is a whole number of
+/// cycles apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate(u32);
 
@@ -48,13 +51,9 @@ impl std::str::FromStr for Rate {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let hz: u32 = text.parse().map_err(|_| "not a whole number".to_string())?;
-        let slow = (LOOP_RATE_MIN_HZ..=TARGET_RATE_MAX_HZ).contains(&hz);
-        let fast = hz <= LOOP_RATE_MAX_HZ && hz != 0 && hz.is_multiple_of(TARGET_RATE_MAX_HZ);
-        if slow || fast {
-            Ok(Self(hz))
-        } else {
-            Err("use 100 to 250, or 500, 750 or 1000 (the arm takes 250 targets a second)".to_string())
+        match text.parse() {
+            Ok(hz) if (LOOP_RATE_MIN_HZ..=LOOP_RATE_MAX_HZ).contains(&hz) => Ok(Self(hz)),
+            _ => Err("use a whole number from 100 to 1000".to_string()),
         }
     }
 }
@@ -69,70 +68,109 @@ impl Rate {
     pub fn cycles_per_target(self) -> u32 {
         self.0.div_ceil(TARGET_RATE_MAX_HZ)
     }
+
+    /// Targets per second.
+    pub fn targets_hz(self) -> f64 {
+        f64::from(self.0) / f64::from(self.cycles_per_target())
+    }
 }
 
-fn setup(options: &Options, policy: &PolicyFile, degraded: u32) -> Setup {
+fn setup(options: &Options, blob: &Blob, degraded: u32) -> Setup {
     let cycle_ns = options.rate.cycle_ns();
     Setup {
-        blob: policy.blob.clone(),
+        blob: Box::new(blob.clone()),
         cycle_ns,
         cycles_per_target: options.rate.cycles_per_target(),
         silent_cycles_max: options.robot_timeout_ms * 1_000_000 / cycle_ns,
+        gripper_lead_ns: options.gripper_latency_ms * 1_000_000,
         degraded,
     }
+}
+
+fn check_gripper(options: &Options, blob: &Blob) -> Result<()> {
+    let (latency_s, dwell_s) = (options.gripper_latency_ms as f64 * 1e-3, blob.task.dwell_s);
+    if latency_s > dwell_s {
+        bail!(
+            "the gripper's latency ({latency_s} s) exceeds the dwell before the release ({dwell_s} s): give a shorter --gripper-latency-ms"
+        );
+    }
+    Ok(())
 }
 
 /// Runs until a signal ends it.
 pub fn serve(options: &Options) -> Result<()> {
     let policy = policy_file::read(&options.policy)?;
+    check_gripper(options, &policy.blob)?;
     let session = Instance::new(&options.instance)?.start()?;
     let queues = Arc::new(Queues::new(options.record.is_some()));
     end_on_signal(&queues)?;
+    let awake = rt::keep_processors_awake();
+    let may_sleep = if awake.is_some() { 0 } else { degraded::MAY_SLEEP };
     let (report, ready) = mpsc::channel();
     let (go, start) = mpsc::channel();
-    let thread = spawn_loop(options, policy, session.config(), &queues, report, start)?;
+    let thread = spawn_loop(
+        options,
+        &policy,
+        may_sleep,
+        session.config(),
+        &queues,
+        report,
+        start,
+    )?;
     let header = ready
         .recv()
         .map_err(|_| anyhow!("the loop's thread did not start"))?
         .context("the loop cannot start")?;
-    let recording = options
-        .record
-        .as_ref()
-        .map(|path| create_recording(path, &header))
-        .transpose()?;
+    let recording = options.record.as_ref();
+    let recorder = recording.map(|path| start_recorder(path, &header, &policy, &queues));
+    let recorder = recorder.transpose()?;
     let node = services::node(session.config())?;
-    let mut bridge = Bridge::new(&node, recording)?;
+    let mut bridge = Bridge::new(&node)?;
     go.send(())
         .map_err(|_| anyhow!("the loop's thread ended early"))?;
     session.announce()?;
     eprintln!(
-        "controller: instance {} ready, {} cycles of {} us to a target; {}",
+        "controller: instance {} ready, {} cycles of {} us to a target, {:.4} targets a second; {}",
         options.instance,
         header.cycles_per_target,
         header.cycle_ns / 1000,
+        options.rate.targets_hz(),
         rt::describe(header.degraded)
     );
-    let mut newest = Status::default();
-    while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
-        bridge.round(&queues, &mut |status| tell(status, &mut newest));
-        std::thread::sleep(Duration::from_micros(BRIDGE_PAUSE_US));
+    let newest = carry(&mut bridge, &queues, &thread);
+    if recorder.is_some_and(|recorder| !recorder.finish()) {
+        eprintln!("controller: the recording is cut off: the disk did not take the rest in time");
     }
-    bridge.round(&queues, &mut |status| tell(status, &mut newest));
     let timing = thread.join().map_err(|_| anyhow!("the loop's thread panicked"))?;
     summarise(&timing, &newest);
     Ok(())
 }
 
+/// The work of the second thread until the loop has ended; returns the last status.
+fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>) -> Status {
+    let mut newest = Status::default();
+    while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
+        bridge.round(queues, &mut |status| tell(status, &mut newest));
+        bridge.rest(queues);
+    }
+    bridge.round(queues, &mut |status| tell(status, &mut newest));
+    newest
+}
+
 /// Creates the loop's ports in its own thread (they cannot move), prepares the thread and waits for `go`.
 fn spawn_loop(
     options: &Options,
-    policy: PolicyFile,
+    policy: &PolicyFile,
+    degraded: u32,
     config: &Config,
     queues: &Arc<Queues>,
     report: Sender<Result<Header>>,
     go: Receiver<()>,
 ) -> Result<JoinHandle<Timing>> {
-    let (options, config, queues) = (options.clone(), config.clone(), Arc::clone(queues));
+    let dry = if options.dry_run { degraded::DRY_RUN } else { 0 };
+    let mut setup = setup(options, &policy.blob, degraded | dry);
+    let (dry_run, policy_bytes) = (options.dry_run, policy.bytes.len());
+    let (config, queues) = (config.clone(), Arc::clone(queues));
     let body = move || {
         let mut timing = Timing::default();
         let ports = services::node(&config).and_then(|node| Ok((services::newest_writer(&node)?, node)));
@@ -143,11 +181,10 @@ fn spawn_loop(
                 return timing;
             }
         };
-        let dry = if options.dry_run { degraded::DRY_RUN } else { 0 };
-        let setup = setup(&options, &policy, rt::prepare_thread() | dry);
-        let _ = report.send(Ok(Header::new(&setup, policy.crc)));
+        setup.degraded |= rt::prepare_thread();
+        let _ = report.send(Ok(recorder::header(&setup, policy_bytes)));
         let cycle_ns = setup.cycle_ns;
-        let mut cycle = Cycle::new(Controller::new(setup), &queues, options.dry_run);
+        let mut cycle = Cycle::new(Controller::new(setup), &queues, dry_run);
         if go.recv().is_ok() {
             cycle.run(cycle_ns, &mut timing, &mut |target| {
                 writer.update_with_copy(*target)
@@ -168,14 +205,14 @@ fn end_on_signal(queues: &Arc<Queues>) -> Result<()> {
         .context("cannot watch for signals")
 }
 
-fn create_recording(path: &PathBuf, header: &Header) -> Result<BufWriter<File>> {
-    let file =
-        File::create(path).with_context(|| format!("cannot create the recording {}", path.display()))?;
-    let mut file = BufWriter::new(file);
-    header
-        .write(&mut file)
-        .with_context(|| format!("cannot write the recording {}", path.display()))?;
-    Ok(file)
+fn start_recorder(
+    path: &Path,
+    header: &Header,
+    policy: &PolicyFile,
+    queues: &Arc<Queues>,
+) -> Result<Recorder> {
+    Recorder::start(path, header, &policy.bytes, queues)
+        .with_context(|| format!("cannot write the recording {}", path.display()))
 }
 
 /// One line for every judged goal, ended goal, latch and change of state.
@@ -212,8 +249,15 @@ fn summarise(timing: &Timing, last: &Status) {
         "controller: {} cycles, {} missed, {} targets, {} goals accepted, {} refused",
         last.cycles, last.missed_deadlines, last.targets_sent, last.goals_accepted, last.goals_refused
     );
+    eprintln!(
+        "controller: {} messages lost, {}",
+        last.messages_lost,
+        timing.cost()
+    );
     eprintln!("controller: wake-up {}", timing.wake());
     eprintln!("controller: turn    {}", timing.turn());
+    eprintln!("controller: of these, turns that planned {}", timing.answer());
+    eprintln!("controller: goal to first target {}", timing.goal());
 }
 
 #[cfg(test)]
@@ -221,18 +265,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_put_targets_on_cycles() {
-        for (text, cycle_ns, cycles) in [
-            ("100", 10_000_000, 1),
-            ("250", 4_000_000, 1),
-            ("500", 2_000_000, 2),
-            ("750", 1_333_333, 3),
-            ("1000", 1_000_000, 4),
+    fn every_rate_puts_at_most_250_targets_on_cycles() {
+        for (text, cycle_ns, cycles, targets_hz) in [
+            ("100", 10_000_000, 1, 100.0),
+            ("250", 4_000_000, 1, 250.0),
+            ("300", 3_333_333, 2, 150.0),
+            ("500", 2_000_000, 2, 250.0),
+            ("750", 1_333_333, 3, 250.0),
+            ("1000", 1_000_000, 4, 250.0),
         ] {
             let rate: Rate = text.parse().unwrap();
             assert_eq!((rate.cycle_ns(), rate.cycles_per_target()), (cycle_ns, cycles));
+            assert_eq!(rate.targets_hz(), targets_hz);
         }
-        for text in ["0", "99", "300", "1250", "-1", "fast"] {
+        for hz in LOOP_RATE_MIN_HZ..=LOOP_RATE_MAX_HZ {
+            let rate: Rate = hz.to_string().parse().unwrap();
+            assert!(rate.targets_hz() <= f64::from(TARGET_RATE_MAX_HZ), "{hz}");
+        }
+        for text in ["0", "99", "1001", "-1", "250.5", "fast"] {
             assert!(text.parse::<Rate>().is_err(), "{text}");
         }
     }

@@ -29,6 +29,16 @@ pub enum ServiceError {
     },
 }
 
+impl ServiceError {
+    /// Whether waiting can help: for a controller that starts, but not for one of another version.
+    pub fn may_pass(&self) -> bool {
+        !matches!(
+            self,
+            Self::Session(SessionError::Version { .. } | SessionError::Name(_))
+        )
+    }
+}
+
 fn refused<E: Debug>(what: &'static str, name: &str) -> impl FnOnce(E) -> ServiceError {
     let name = name.to_string();
     move |error| ServiceError::Transport {

@@ -4,12 +4,14 @@
 //!
 //! ```text
 //! /tmp/genorm-<uid>/<instance>.lock        held by the running controller
-//! /tmp/genorm-<uid>/<instance>/current     name of the session that clients connect to
+//! /tmp/genorm-<uid>/<instance>/current     what clients must know to connect, a word and a value a line:
+//!                                          session <session>, protocol <number>, iceoryx2 <version>
 //! /tmp/genorm-<uid>/<instance>/<session>/  iceoryx2's management files
 //! /dev/shm/genorm.<uid>.<instance>.<session>.*   iceoryx2's shared memory
 //! ```
 
 use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use shared::messages::PROTOCOL;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::os::fd::AsRawFd;
@@ -25,6 +27,9 @@ const LOCK_PATIENCE: Duration = Duration::from_secs(1);
 
 const SHARED_MEMORY: &str = "/dev/shm";
 
+/// Release line of iceoryx2; participants of another line cannot read its files.
+pub const ICEORYX2: &str = "0.10";
+
 /// Why there is no session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -37,6 +42,19 @@ pub enum SessionError {
     /// No controller runs.
     #[error("no controller runs as instance {0:?}: start one with `controller --policy FILE --instance {0}`")]
     NotRunning(String),
+    /// The controller and this client were built from different versions.
+    #[error(
+        "the controller of instance {instance:?} speaks {theirs}, this client speaks {ours}: \
+         build both from one version"
+    )]
+    Version {
+        /// The instance.
+        instance: String,
+        /// What the controller announced.
+        theirs: String,
+        /// What this client was built with.
+        ours: String,
+    },
     /// The operating system refused.
     #[error("{what} {path}: {source}; check that the folder belongs to this user")]
     Io {
@@ -124,8 +142,17 @@ impl Instance {
         if !lock_is_held(&lock) {
             return Err(not_running());
         }
-        let session = fs::read_to_string(self.current_file()).map_err(|_| not_running())?;
-        self.config(session.trim())
+        let text = fs::read_to_string(self.current_file()).map_err(|_| not_running())?;
+        let announced = Announcement::parse(&text);
+        let ours = Announcement::new(&announced.session);
+        if announced.versions() != ours.versions() {
+            return Err(SessionError::Version {
+                instance: self.name.clone(),
+                theirs: announced.versions(),
+                ours: ours.versions(),
+            });
+        }
+        self.config(&announced.session)
     }
 
     /// Takes the lock, removes what earlier sessions left and names a new session.
@@ -209,6 +236,51 @@ impl Instance {
     }
 }
 
+/// What a running controller tells those who want to connect.
+struct Announcement {
+    session: String,
+    protocol: String,
+    iceoryx2: String,
+}
+
+impl Announcement {
+    fn new(session: &str) -> Self {
+        Self {
+            session: session.to_string(),
+            protocol: PROTOCOL.to_string(),
+            iceoryx2: ICEORYX2.to_string(),
+        }
+    }
+
+    fn text(&self) -> String {
+        format!(
+            "session {}\nprotocol {}\niceoryx2 {}\n",
+            self.session, self.protocol, self.iceoryx2
+        )
+    }
+
+    /// Words that are not there are empty; words of later versions are passed over.
+    fn parse(text: &str) -> Self {
+        let value = |word: &str| {
+            let mut lines = text.lines().filter_map(|line| line.split_once(' '));
+            let found = lines.find(|(key, _)| *key == word);
+            found.map_or(String::new(), |(_, value)| value.trim().to_string())
+        };
+        Self {
+            session: value("session"),
+            protocol: value("protocol"),
+            iceoryx2: value("iceoryx2"),
+        }
+    }
+
+    fn versions(&self) -> String {
+        if self.protocol.is_empty() {
+            return "a protocol without a number".to_string();
+        }
+        format!("protocol {} over iceoryx2 {}", self.protocol, self.iceoryx2)
+    }
+}
+
 /// A started session; the lock is held until this is dropped.
 pub struct Session {
     instance: Instance,
@@ -227,7 +299,7 @@ impl Session {
     pub fn announce(&self) -> Result<(), SessionError> {
         let path = self.instance.current_file();
         let draft = path.with_extension("new");
-        fs::write(&draft, &self.name).map_err(io("cannot write", &draft))?;
+        fs::write(&draft, Announcement::new(&self.name).text()).map_err(io("cannot write", &draft))?;
         fs::rename(&draft, &path).map_err(io("cannot write", &path))
     }
 }
@@ -279,6 +351,39 @@ mod tests {
             assert!(Instance::new(bad).is_err(), "{bad}");
         }
         assert!(Instance::new("arm-2").is_ok());
+    }
+
+    #[test]
+    fn the_release_line_is_that_of_the_dependency() {
+        let manifest = include_str!("../../Cargo.toml");
+        assert!(manifest.contains(&format!("iceoryx2 = \"{ICEORYX2}\"")));
+    }
+
+    #[test]
+    fn a_client_of_another_version_is_told_so() {
+        let instance = Instance::new(&format!("version-{}", std::process::id())).unwrap();
+        let session = instance.start().unwrap();
+        session.announce().unwrap();
+        for (text, theirs) in [
+            (
+                "session a-b\nprotocol 3\niceoryx2 0.10\n",
+                "protocol 3 over iceoryx2 0.10",
+            ),
+            (
+                "session a-b\nprotocol 2\niceoryx2 0.11\n",
+                "protocol 2 over iceoryx2 0.11",
+            ),
+            ("187a-2f", "a protocol without a number"),
+        ] {
+            fs::write(instance.current_file(), text).unwrap();
+            let message = instance.running_config().unwrap_err().to_string();
+            assert!(
+                message.contains(theirs) && message.contains("this client speaks protocol 2"),
+                "{message}"
+            );
+        }
+        drop(session);
+        instance.purge().unwrap();
     }
 
     #[test]

@@ -5,12 +5,13 @@
 //!            measured pose at rest          goal accepted
 //!  Waiting ───────────────────────► Idle ───────────────► Homing ► Approach ► Grasp ► Drag
 //!     ▲  ▲      arm silent           │ ▲                                                │
-//!     │  └───────────────────────────┘ └──── Retreat ◄ Release (opens) ◄ Dwell ◄────────┘
+//!     │  └───────────────────────────┘ └──── Retreat ◄ Release (open) ◄ Dwell ◄─────────┘
 //!     │                                ▲
 //!     │ reset,                         │ cancelled, at rest
 //!     │ arm at rest      at rest       │
-//!    Fault ◄────────────────────── Stopping ◄── any state: emergency stop, arm silent while
-//!   (no targets)                                moving, following error, arm's error, guard
+//!    Fault ◄────────────────────── Stopping ◄── any state: emergency stop, following error, arm's
+//!   (no targets)                                error, guard; while moving: arm silent, targets
+//!                                               unread, goal's client silent, cancelled
 //!
 //!  A shutdown leads through Stopping, where there is something to stop, to Ended.
 //! ```
@@ -21,7 +22,8 @@ use crate::constants::{
 };
 use crate::guard::{Brake, Guard};
 use crate::motion;
-use crate::plan::{self, LEGS, Motion, Plan};
+use crate::plan::{self, LEGS, Motion, Pace, Plan, Start};
+use crate::survey::Survey;
 use shared::arm::{self, JOINTS, Joints};
 use shared::blob::Blob;
 use shared::ik;
@@ -38,8 +40,11 @@ pub struct Setup {
     pub cycle_ns: u64,
     /// Cycles to one target.
     pub cycles_per_target: u32,
-    /// Cycles without a state of the arm after which it counts as silent.
+    /// Cycles without a state of the arm after which it counts as silent; also the time after which
+    /// targets that the arm's driver has not read count as unread.
     pub silent_cycles_max: u64,
+    /// How long before the release the gripper is told to open, ns: the time it takes to let go.
+    pub gripper_lead_ns: u64,
     /// Bits of [`shared::messages::degraded`].
     pub degraded: u32,
 }
@@ -80,13 +85,44 @@ enum After {
     End,
 }
 
+/// What the goal's client promised: a keep-alive at least every so many cycles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Promise {
+    cycles_max: u64,
+    cycles_since: u64,
+}
+
+impl Promise {
+    /// The promise that a goal makes, if it makes one.
+    fn of(goal: &Goal, cycle_ns: u64) -> Option<Self> {
+        (goal.keep_alive_ms > 0).then(|| Self {
+            cycles_max: (u64::from(goal.keep_alive_ms) * 1_000_000).div_ceil(cycle_ns),
+            cycles_since: 0,
+        })
+    }
+
+    /// Counts a cycle; whether the promise is broken.
+    fn wait(&mut self) -> bool {
+        self.cycles_since += 1;
+        self.cycles_since > self.cycles_max
+    }
+}
+
 // The largest variant is the one in use most of the time, and a box would allocate in the loop.
 #[allow(clippy::large_enum_variant)]
 enum Mode {
     Waiting,
     Idle,
-    Running { plan: Plan, leg: usize, target: u32 },
-    Stopping { brake: Brake, after: After },
+    Running {
+        plan: Plan,
+        leg: usize,
+        target: u32,
+        promise: Option<Promise>,
+    },
+    Stopping {
+        brake: Brake,
+        after: After,
+    },
     Fault,
     Ended,
 }
@@ -94,6 +130,7 @@ enum Mode {
 /// The state between two cycles.
 pub struct Controller {
     setup: Setup,
+    survey: Option<Survey>,
     period_s: f64,
     mode: Mode,
     /// `None` until the first measured pose.
@@ -112,10 +149,11 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A controller that waits for the arm's pose.
+    /// A controller that waits for the arm's pose. Surveys the task, which takes milliseconds.
     pub fn new(setup: Setup) -> Self {
         Self {
             period_s: (setup.cycle_ns * u64::from(setup.cycles_per_target)) as f64 * 1e-9,
+            survey: Survey::new(&setup.blob),
             mode: Mode::Waiting,
             guard: None,
             stream_begun: false,
@@ -150,6 +188,7 @@ impl Controller {
         self.status.messages_lost = inputs.messages_lost;
         self.hear_robot(inputs.robot.as_ref(), now_ns);
         self.watch_robot();
+        self.watch_goal_source();
         if let Some(command) = &inputs.command {
             self.obey(command);
         }
@@ -172,6 +211,11 @@ impl Controller {
             status: self.report(now_ns),
             ended: matches!(self.mode, Mode::Ended),
         }
+    }
+
+    /// Cycles run since start.
+    pub fn cycles(&self) -> u64 {
+        self.status.cycles
     }
 
     /// What the controller is doing.
@@ -224,6 +268,33 @@ impl Controller {
             self.stop(After::Latch(Reason::RobotFault));
         } else if self.distance_rad() > FOLLOWING_ERROR_MAX_RAD {
             self.stop(After::Latch(Reason::FollowingError));
+        } else if matches!(self.mode, Mode::Running { .. }) && self.targets_unread() {
+            self.stop(After::Latch(Reason::TargetsUnread));
+        }
+    }
+
+    /// Whether the arm's driver reports states but has not read targets for as long as silence may last.
+    fn targets_unread(&self) -> bool {
+        let unread = self.targets_sent.saturating_sub(self.robot.target_seq);
+        unread * u64::from(self.setup.cycles_per_target) > self.setup.silent_cycles_max
+    }
+
+    /// A client that promised keep-alives and falls silent stops its goal.
+    fn watch_goal_source(&mut self) {
+        let Mode::Running { promise, .. } = &mut self.mode else {
+            return;
+        };
+        if promise.as_mut().is_some_and(Promise::wait) {
+            self.stop(After::Latch(Reason::GoalSourceSilent));
+        }
+    }
+
+    fn keep_alive(&mut self, goal_id: u64) {
+        if let Mode::Running { plan, promise, .. } = &mut self.mode
+            && plan.goal_id == goal_id
+            && let Some(promise) = promise
+        {
+            promise.cycles_since = 0;
         }
     }
 
@@ -266,6 +337,8 @@ impl Controller {
                 Reason::Accepted
             }
             CommandKind::Reset => self.reset(),
+            // Comes often and is no news: it gets no answer, so that other answers stay readable.
+            CommandKind::KeepAlive => return self.keep_alive(command.id),
         };
         self.status.command_id = command.id;
         self.status.command_reason = reason.code();
@@ -369,6 +442,7 @@ impl Controller {
                     plan,
                     leg: 0,
                     target: 0,
+                    promise: Promise::of(goal, self.setup.cycle_ns),
                 };
             }
             Err(_) => self.status.goals_refused += 1,
@@ -395,13 +469,18 @@ impl Controller {
             return Err(Reason::OutOfOrder);
         }
         match (&self.mode, &self.guard) {
-            (Mode::Idle, Some(guard)) => plan::plan(
-                &self.setup.blob,
-                goal,
-                &guard.last_rad(),
-                self.gripper,
-                self.period_s,
-            ),
+            (Mode::Idle, Some(_)) if self.targets_unread() => Err(Reason::TargetsUnread),
+            (Mode::Idle, Some(guard)) => {
+                let start = Start {
+                    q_rad: guard.last_rad(),
+                    gripper: self.gripper,
+                };
+                let pace = Pace {
+                    period_s: self.period_s,
+                    gripper_lead_s: self.setup.gripper_lead_ns as f64 * 1e-9,
+                };
+                plan::plan(&self.setup.blob, self.survey.as_ref(), goal, &start, &pace)
+            }
             (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
             (Mode::Fault, _) => Err(Reason::Latched),
             (Mode::Ended, _) => Err(Reason::Shutdown),
@@ -438,7 +517,10 @@ impl Controller {
 
     /// Moves on to the next target of the motion; after the last one the goal is done.
     fn next_leg(&mut self) {
-        let Mode::Running { plan, leg, target } = &mut self.mode else {
+        let Mode::Running {
+            plan, leg, target, ..
+        } = &mut self.mode
+        else {
             return;
         };
         *target += 1;
@@ -456,7 +538,13 @@ impl Controller {
     }
 
     fn joints_of_leg(&self) -> Result<Joints, Reason> {
-        let (Mode::Running { plan, leg, target }, Some(guard)) = (&self.mode, &self.guard) else {
+        let (
+            Mode::Running {
+                plan, leg, target, ..
+            },
+            Some(guard),
+        ) = (&self.mode, &self.guard)
+        else {
             return Err(Reason::NotReady);
         };
         if !self.stream_begun {

@@ -1,21 +1,58 @@
-//! How punctual the loop is: how late it wakes, how long a turn takes, how far apart turns lie.
+//! How punctual the loop is: how late it wakes, how long a turn takes, how far apart turns lie, how
+//! long a goal waits for its first target; and what the loop cost besides time.
 
 use hdrhistogram::Histogram;
 use std::fmt;
+use std::io::{self, Write};
 
 /// Largest time that is told apart from longer ones, ns.
 const LONGEST_NS: u64 = 1_000_000_000;
 
-/// Three histograms of fixed size; recording does not allocate.
+/// Histograms of fixed size; recording does not allocate.
 pub struct Timing {
     wake_ns: Histogram<u64>,
     turn_ns: Histogram<u64>,
     period_ns: Histogram<u64>,
+    jitter_ns: Histogram<u64>,
+    goal_ns: Histogram<u64>,
+    answer_ns: Histogram<u64>,
+    last_deadline_ns: u64,
     last_woke_ns: u64,
+    cost: Cost,
+}
+
+/// What the loop's thread asked for besides time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Cost {
+    /// Calls to the allocator; `None` where they were not counted.
+    pub allocator_calls: Option<u64>,
+    /// Pages that were not there when they were needed.
+    pub page_faults: u64,
+}
+
+impl Cost {
+    /// Both together.
+    pub fn plus(self, other: Self) -> Self {
+        let calls = self.allocator_calls.zip(other.allocator_calls);
+        Self {
+            allocator_calls: calls.map(|(a, b)| a + b),
+            page_faults: self.page_faults + other.page_faults,
+        }
+    }
+}
+
+impl fmt::Display for Cost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.allocator_calls {
+            Some(calls) => write!(f, "{calls} calls to the allocator, ")?,
+            None => write!(f, "calls to the allocator not counted, ")?,
+        }
+        write!(f, "{} page faults in the loop", self.page_faults)
+    }
 }
 
 /// Percentiles of one quantity, ns.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Percentiles {
     /// Median.
     pub p50_ns: u64,
@@ -25,6 +62,8 @@ pub struct Percentiles {
     pub p999_ns: u64,
     /// The longest.
     pub max_ns: u64,
+    /// How many there were.
+    pub count: u64,
 }
 
 impl From<&Histogram<u64>> for Percentiles {
@@ -34,6 +73,7 @@ impl From<&Histogram<u64>> for Percentiles {
             p99_ns: times.value_at_quantile(0.99),
             p999_ns: times.value_at_quantile(0.999),
             max_ns: times.max(),
+            count: times.len(),
         }
     }
 }
@@ -57,13 +97,54 @@ pub fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("the bounds are valid")
 }
 
+/// Writes a histogram as HdrHistogram's percentile table (.hgrm), which its plotter reads; values in µs.
+pub fn write_hgrm(out: &mut impl Write, times: &Histogram<u64>) -> io::Result<()> {
+    const TICKS_PER_HALF: u32 = 5;
+    writeln!(
+        out,
+        "{:>12} {:>14} {:>10} {:>14}\n",
+        "Value", "Percentile", "TotalCount", "1/(1-Percentile)"
+    )?;
+    let us = |ns: f64| ns * 1e-3;
+    for point in times.iter_quantiles(TICKS_PER_HALF) {
+        let (value, share) = (us(point.value_iterated_to() as f64), point.quantile_iterated_to());
+        write!(
+            out,
+            "{value:12.3} {share:2.12} {:10}",
+            times.count_between(0, point.value_iterated_to())
+        )?;
+        if share < 1.0 {
+            writeln!(out, " {:14.2}", 1.0 / (1.0 - share))?;
+        } else {
+            writeln!(out)?;
+        }
+    }
+    writeln!(
+        out,
+        "#[Mean    = {:12.3}, StdDeviation   = {:12.3}]",
+        us(times.mean()),
+        us(times.stdev())
+    )?;
+    writeln!(
+        out,
+        "#[Max     = {:12.3}, Total count    = {:12}]",
+        us(times.max() as f64),
+        times.len()
+    )
+}
+
 impl Default for Timing {
     fn default() -> Self {
         Self {
             wake_ns: histogram(),
             turn_ns: histogram(),
             period_ns: histogram(),
+            jitter_ns: histogram(),
+            goal_ns: histogram(),
+            answer_ns: histogram(),
+            last_deadline_ns: 0,
             last_woke_ns: 0,
+            cost: Cost::default(),
         }
     }
 }
@@ -75,10 +156,46 @@ impl Timing {
             .saturating_record(woke_ns.saturating_sub(deadline_ns));
         self.turn_ns.saturating_record(done_ns.saturating_sub(woke_ns));
         if self.last_woke_ns != 0 {
-            self.period_ns
-                .saturating_record(woke_ns.saturating_sub(self.last_woke_ns));
+            let period_ns = woke_ns.saturating_sub(self.last_woke_ns);
+            let nominal_ns = deadline_ns.saturating_sub(self.last_deadline_ns);
+            self.period_ns.saturating_record(period_ns);
+            self.jitter_ns.saturating_record(period_ns.abs_diff(nominal_ns));
         }
+        self.last_deadline_ns = deadline_ns;
         self.last_woke_ns = woke_ns;
+    }
+
+    /// Notes that the turn from `woke_ns` to `done_ns` planned a goal stamped `sent_ns` and sent its first
+    /// target.
+    pub fn note_goal(&mut self, sent_ns: u64, woke_ns: u64, done_ns: u64) {
+        self.answer_ns.saturating_record(done_ns.saturating_sub(woke_ns));
+        self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
+    }
+
+    /// Notes what the loop cost.
+    pub fn note_cost(&mut self, cost: Cost) {
+        self.cost = cost;
+    }
+
+    /// What the loop cost.
+    pub fn cost(&self) -> Cost {
+        self.cost
+    }
+
+    /// Adds what another loop of the same period noted after this one.
+    pub fn add(&mut self, other: &Self) {
+        let pairs = [
+            (&mut self.wake_ns, &other.wake_ns),
+            (&mut self.turn_ns, &other.turn_ns),
+            (&mut self.period_ns, &other.period_ns),
+            (&mut self.jitter_ns, &other.jitter_ns),
+            (&mut self.goal_ns, &other.goal_ns),
+            (&mut self.answer_ns, &other.answer_ns),
+        ];
+        for (mine, theirs) in pairs {
+            mine.add(theirs).expect("all have the same bounds");
+        }
+        self.cost = self.cost.plus(other.cost);
     }
 
     /// How late the loop woke.
@@ -86,14 +203,49 @@ impl Timing {
         (&self.wake_ns).into()
     }
 
+    /// How late the loop woke, in full.
+    pub fn wake_histogram(&self) -> &Histogram<u64> {
+        &self.wake_ns
+    }
+
     /// How long a turn took.
     pub fn turn(&self) -> Percentiles {
         (&self.turn_ns).into()
     }
 
+    /// How long a turn took, in full.
+    pub fn turn_histogram(&self) -> &Histogram<u64> {
+        &self.turn_ns
+    }
+
     /// Time from one turn to the next.
     pub fn period(&self) -> Percentiles {
         (&self.period_ns).into()
+    }
+
+    /// How far the time from one turn to the next was from the distance of their deadlines.
+    pub fn jitter(&self) -> Percentiles {
+        (&self.jitter_ns).into()
+    }
+
+    /// The same in full.
+    pub fn jitter_histogram(&self) -> &Histogram<u64> {
+        &self.jitter_ns
+    }
+
+    /// How long those turns took that planned a goal.
+    pub fn answer(&self) -> Percentiles {
+        (&self.answer_ns).into()
+    }
+
+    /// Time from a goal's stamp to its first target.
+    pub fn goal(&self) -> Percentiles {
+        (&self.goal_ns).into()
+    }
+
+    /// Time from a goal's stamp to its first target, in full.
+    pub fn goal_histogram(&self) -> &Histogram<u64> {
+        &self.goal_ns
     }
 }
 
@@ -106,8 +258,44 @@ mod tests {
         let mut timing = Timing::default();
         timing.note(1000, 1010, 1030);
         timing.note(2000, 2005, 2025);
+        timing.note_goal(500, 880, 900);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
         assert_eq!(timing.period().max_ns, 995);
+        assert_eq!(timing.jitter().max_ns, 5);
+        assert_eq!(timing.goal().p50_ns, 400);
+        let mut both = Timing::default();
+        both.add(&timing);
+        both.add(&timing);
+        assert_eq!((both.wake().count, both.wake().max_ns), (4, 10));
+    }
+
+    #[test]
+    fn a_percentile_table_rises_to_the_whole_count() {
+        let mut times = histogram();
+        for k in 1..=1000 {
+            times.record(k * 1000).expect("within the bounds");
+        }
+        let mut text = Vec::new();
+        write_hgrm(&mut text, &times).expect("a vector takes it");
+        let text = String::from_utf8(text).expect("digits");
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .skip(2)
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| {
+                line.split_whitespace()
+                    .map(|word| word.parse().expect("a number"))
+                    .collect()
+            })
+            .collect();
+        assert!(
+            rows.windows(2)
+                .all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1])
+        );
+        let last = rows.last().expect("rows");
+        assert_eq!((last[1], last[2]), (1.0, 1000.0));
+        let median = rows.iter().find(|row| row[1] >= 0.5).expect("a median");
+        assert!((median[0] - 500.0).abs() < 1.0, "{median:?}");
     }
 }

@@ -3,11 +3,12 @@
 
 mod virtual_arm;
 
-use controller::recorder::{self, Header, Record};
-use controller::step::{Controller, Inputs};
+use controller::recorder;
+use controller::step::{Controller, Inputs, Setup};
 use proptest::prelude::*;
-use shared::messages::{COMMAND_MAGIC, Command, Goal, RobotState};
-use virtual_arm::{World, limits_hold, setup};
+use shared::messages::{COMMAND_MAGIC, Command, Goal, Reason, RobotState};
+use shared::recording::Record;
+use virtual_arm::{World, limits_hold_at, setup};
 
 /// Something that happens, and how many cycles pass before the next thing does.
 #[derive(Clone, Debug)]
@@ -17,10 +18,13 @@ enum Event {
         rope: u32,
         age_ns: i64,
         magic: bool,
+        keep_alive_ms: u32,
     },
     Command {
         kind: u32,
     },
+    Unread,
+    Read,
     Silence,
     Voice,
     Stuck,
@@ -41,8 +45,13 @@ fn event() -> impl Strategy<Value = Event> {
         1 => prop::num::f64::ANY,
     ];
     prop_oneof![
-        6 => (x_m, prop::bool::weighted(0.05), 0i64..600_000_000, prop::bool::weighted(0.95))
-            .prop_map(|(x_m, unknown, age_ns, magic)| Event::Goal { x_m, rope: unknown.into(), age_ns: -age_ns, magic }),
+        6 => (x_m, prop::bool::weighted(0.05), 0i64..600_000_000, prop::bool::weighted(0.95),
+                prop_oneof![3 => Just(0), 1 => 1u32..8000])
+            .prop_map(|(x_m, unknown, age_ns, magic, keep_alive_ms)| Event::Goal {
+                x_m, rope: unknown.into(), age_ns: -age_ns, magic, keep_alive_ms,
+            }),
+        1 => Just(Event::Unread),
+        2 => Just(Event::Read),
         3 => (0u32..6).prop_map(|kind| Event::Command { kind }),
         1 => Just(Event::Silence),
         3 => Just(Event::Voice),
@@ -61,12 +70,14 @@ fn apply(world: &mut World, voice: &mut Option<RobotState>, event: &Event) {
             rope,
             age_ns,
             magic,
+            keep_alive_ms,
         } => {
             let goal = world.goal_at(x_m);
             world.next.goal = Some(Goal {
                 rope,
                 stamp_ns: goal.stamp_ns.saturating_add_signed(age_ns),
                 magic: if magic { goal.magic } else { 0 },
+                keep_alive_ms,
                 ..goal
             });
         }
@@ -79,6 +90,8 @@ fn apply(world: &mut World, voice: &mut Option<RobotState>, event: &Event) {
                 reserved: 0,
             });
         }
+        Event::Unread => world.reads = false,
+        Event::Read => world.reads = true,
         Event::Silence => *voice = world.arm.take().or(*voice),
         Event::Voice => world.arm = world.arm.or(*voice),
         Event::Stuck => world.follows = false,
@@ -102,14 +115,36 @@ fn apply(world: &mut World, voice: &mut Option<RobotState>, event: &Event) {
     }
 }
 
+/// Time of a cycle, ns, and cycles to a target, as the rates from 100 to 1000 Hz have them.
+fn pace() -> impl Strategy<Value = (u64, u32)> {
+    prop_oneof![
+        4 => Just((4_000_000, 1)),
+        1 => Just((10_000_000, 1)),
+        1 => Just((1_000_000, 4)),
+        1 => Just((1_333_333, 3)),
+    ]
+}
+
+fn paced((cycle_ns, cycles_per_target): (u64, u32)) -> Setup {
+    Setup {
+        cycle_ns,
+        cycles_per_target,
+        silent_cycles_max: 200_000_000 / cycle_ns,
+        gripper_lead_ns: 150_000_000,
+        ..setup()
+    }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn no_sequence_of_inputs_breaks_a_limit(
         events in prop::collection::vec((event(), prop_oneof![0usize..20, 0usize..1500]), 1..40),
+        pace in pace(),
     ) {
-        let mut world = World::new();
+        let period_s = pace.0 as f64 * f64::from(pace.1) * 1e-9;
+        let mut world = World::with(paced(pace));
         let mut voice = None;
         let mut newest_pose = Vec::new();
         for (event, cycles) in &events {
@@ -126,7 +161,8 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(limits_hold(&world.targets), Ok(()));
+        prop_assert_eq!(limits_hold_at(&world.targets, period_s), Ok(()));
+        prop_assert!(!world.latched.contains(&Reason::GuardTripped), "what is planned passes the guard");
         for (first, measured) in newest_pose {
             prop_assert_eq!(Some(first), measured, "a stream begins at the measured pose");
         }
@@ -142,8 +178,10 @@ proptest! {
         let mut world = World::new();
         let mut voice = None;
         let mut file = Vec::new();
-        let header = Header::new(&setup(), 7);
-        header.write(&mut file).unwrap();
+        let policy = [7; 100];
+        let header = recorder::header(&setup(), policy.len());
+        file.extend(header.to_bytes());
+        file.extend(policy);
         let mut cycles = 0;
         for (event, more) in &events {
             apply(&mut world, &mut voice, event);
@@ -155,15 +193,16 @@ proptest! {
                     ..arm
                 }).or(inputs.robot);
                 let output = world.cycle();
-                recorder::append(&mut file, &Record::new(world.now_ns, &inputs, &output)).unwrap();
                 cycles += 1;
+                file.extend(recorder::record(cycles, world.now_ns, &inputs, &output).bytes());
             }
         }
         if damage {
             file.truncate(file.len() - 3);
         }
         let mut input = file.as_slice();
-        prop_assert_eq!(Header::read(&mut input).unwrap(), Some(header));
+        let head = recorder::read_head(&mut input).unwrap().unwrap();
+        prop_assert_eq!((head.header, head.policy), (header, policy.to_vec()));
         let found = recorder::replay(&mut input, Controller::new(setup())).unwrap();
         prop_assert_eq!(found.cycles, cycles - u64::from(damage));
         prop_assert_eq!(found.first_difference, None);
@@ -171,19 +210,43 @@ proptest! {
     }
 }
 
-#[test]
-fn a_changed_input_is_noticed_by_the_replay() {
+/// Twenty cycles in which the arm is heard, recorded with `change` made to each record, replayed.
+fn twenty(change: impl Fn(&mut Record)) -> recorder::Replay {
     let mut world = World::new();
     let mut file = Vec::new();
-    for _ in 0..20 {
+    for cycle in 1..=20 {
+        let arm = world.arm.map(|arm| RobotState {
+            seq: arm.seq + 1,
+            stamp_ns: world.now_ns + virtual_arm::CYCLE_NS,
+            ..arm
+        });
         let output = world.cycle();
         let inputs = Inputs {
-            robot: world.arm,
-            missed_deadlines: 1,
+            robot: arm,
             ..Inputs::default()
         };
-        recorder::append(&mut file, &Record::new(world.now_ns, &inputs, &output)).unwrap();
+        let mut record = recorder::record(cycle, world.now_ns, &inputs, &output);
+        change(&mut record);
+        file.extend(record.bytes());
     }
-    let found = recorder::replay(&mut file.as_slice(), Controller::new(setup())).unwrap();
-    assert_eq!(found.first_difference, Some(0));
+    recorder::replay(&mut file.as_slice(), Controller::new(setup())).unwrap()
+}
+
+#[test]
+fn a_changed_record_or_a_gap_is_noticed_by_the_replay() {
+    assert_eq!(
+        (twenty(|_| ()).cycles, twenty(|_| ()).first_difference),
+        (20, None)
+    );
+    let changed = twenty(|record| {
+        if record.cycle == 7 {
+            record.target.q_rad[2] += 1e-15;
+        }
+    });
+    assert_eq!(changed.first_difference, Some(7));
+    let gap = twenty(|record| record.cycle += if record.cycle > 12 { 3 } else { 0 });
+    assert_eq!(
+        (gap.cycles, gap.gap_after, gap.first_difference),
+        (12, Some(12), None)
+    );
 }

@@ -1,6 +1,7 @@
 //! The loop's turn allocates nothing: counted over 120 000 turns with goals good and bad, stops,
 //! resets, a full set of queues, a real blackboard, and clients that come and go.
 
+use controller::allocations::{Counting, watched};
 use controller::client::Client;
 use controller::cycle::{Cycle, Queues};
 use controller::services;
@@ -11,59 +12,20 @@ use shared::arm::LEVEL_POSTURE_RAD;
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, JointTarget, ROBOT_MAGIC, RobotState,
 };
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::time::Duration;
-
-struct Counting;
-
-thread_local! {
-    static COUNTING: Cell<bool> = const { Cell::new(false) };
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-fn note() {
-    if COUNTING.get() {
-        COUNT.set(COUNT.get() + 1);
-    }
-}
-
-// SAFETY: every call is passed on unchanged to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note();
-        // SAFETY: the caller's promise is the one asked for here.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        note();
-        // SAFETY: the caller's promise is the one asked for here.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note();
-        // SAFETY: the caller's promise is the one asked for here.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
 /// What calls to the allocator `part` makes on this thread.
 fn allocations(part: impl FnOnce()) -> u64 {
-    COUNT.set(0);
-    COUNTING.set(true);
-    part();
-    COUNTING.set(false);
-    COUNT.get()
+    let ((), calls) = watched(part);
+    calls.expect("the counting allocator is installed")
 }
 
 #[test]
 fn the_counter_counts() {
-    assert!(allocations(|| drop(std::hint::black_box(Box::new(7)))) >= 1);
+    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(7)))), 2);
 }
 
 /// What arrives before turn `k`: a bit of everything, over and over.
@@ -73,6 +35,7 @@ fn disturb(queues: &Queues, k: u64, now_ns: u64, last: Option<&JointTarget>) {
         seq: k,
         stamp_ns: now_ns,
         q_rad: last.map_or(LEVEL_POSTURE_RAD, |target| target.q_rad),
+        target_seq: last.map_or(0, |target| target.seq),
         error_code: u32::from(k.is_multiple_of(30_011)),
         ..RobotState::default()
     };
@@ -92,7 +55,7 @@ fn disturb(queues: &Queues, k: u64, now_ns: u64, last: Option<&JointTarget>) {
             id: k + 1,
             x_m,
             rope: (k / 250 % 5 / 4) as u32,
-            reserved: 0,
+            keep_alive_ms: 0,
         };
         queues.put(&queues.goals, goal);
     }
@@ -129,7 +92,7 @@ fn a_turn_allocates_nothing_whatever_happens() {
         services::node(session.config()).unwrap(),
     );
     let writer = services::newest_writer(&loop_node).unwrap();
-    let mut bridge = Bridge::new(&node, None).unwrap();
+    let mut bridge = Bridge::new(&node).unwrap();
     session.announce().unwrap();
     let queues = Queues::new(true);
     let setup = Setup {
@@ -137,6 +100,7 @@ fn a_turn_allocates_nothing_whatever_happens() {
         cycle_ns: 4_000_000,
         cycles_per_target: 1,
         silent_cycles_max: 50,
+        gripper_lead_ns: 100_000_000,
         degraded: 0,
     };
     let mut cycle = Cycle::new(Controller::new(setup), &queues, false);

@@ -3,7 +3,7 @@
 mod virtual_arm;
 
 use controller::sample;
-use controller::step::Inputs;
+use controller::step::{Inputs, Setup};
 use shared::arm::{self, LEVEL_POSTURE_RAD};
 use shared::blob::Blob;
 use shared::messages::{CommandKind, Gripper, Phase, Reason};
@@ -308,6 +308,81 @@ fn an_arm_that_does_not_follow_or_reports_an_error_is_a_fault() {
     world.arm.as_mut().unwrap().error_code = 24;
     world.run_to(Phase::Fault);
     assert_eq!(world.latch(), Reason::RobotFault);
+}
+
+#[test]
+fn a_goal_whose_client_falls_silent_is_stopped() {
+    let mut world = World::idle();
+    let mut goal = world.goal_at(0.33);
+    goal.keep_alive_ms = 100;
+    assert_eq!(world.ask(goal), Reason::Accepted);
+    let answered = world.status.command_id;
+    for _ in 0..20 {
+        world.run(24);
+        world.keep_alive(goal.id);
+    }
+    world.run(1);
+    assert_eq!(world.latch(), Reason::Accepted);
+    assert_eq!(world.status.command_id, answered, "a keep-alive gets no answer");
+    world.keep_alive(goal.id + 1);
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::GoalSourceSilent);
+    assert_eq!(world.status.finished_reason, Reason::GoalSourceSilent.code());
+    limits_hold(&world.targets).unwrap();
+}
+
+#[test]
+fn a_goal_without_a_promise_needs_no_keep_alive() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Retreat);
+    world.run_to(Phase::Idle);
+    assert_eq!(world.latch(), Reason::Accepted);
+}
+
+#[test]
+fn a_driver_that_does_not_read_the_targets_is_noticed() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Grasp);
+    world.reads = false;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::TargetsUnread);
+    limits_hold(&world.targets).unwrap();
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+    world.run_to(Phase::Idle);
+    world.run(SILENT_CYCLES as usize);
+    let goal = world.goal_at(0.33);
+    assert_eq!(world.ask(goal), Reason::TargetsUnread, "nothing moves unread");
+    assert_eq!(world.controller.phase(), Phase::Idle);
+    world.reads = true;
+    world.run(2);
+    world.accept();
+}
+
+#[test]
+fn the_gripper_is_told_to_open_its_latency_before_the_release() {
+    for (lead_ms, early) in [(0, 0), (120, 30), (10, 3), (2000, 500)] {
+        let mut world = World::with(Setup {
+            gripper_lead_ns: lead_ms * 1_000_000,
+            ..virtual_arm::setup()
+        });
+        world.run(2);
+        world.accept();
+        world.run_to(Phase::Release);
+        let targets = &world.targets;
+        let release = targets.len() - 1;
+        assert_eq!(targets[release].phase, Phase::Release.code());
+        let opens = 1 + targets
+            .iter()
+            .rposition(|target| target.gripper == Gripper::Closed.code())
+            .expect("the gripper was closed");
+        assert_eq!(release - opens, early, "{lead_ms} ms");
+        let dwell = targets
+            .iter()
+            .filter(|target| target.phase == Phase::Dwell.code());
+        assert_eq!(dwell.count(), 500, "the dwell is as long as ever");
+    }
 }
 
 #[test]

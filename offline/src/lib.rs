@@ -24,3 +24,5 @@ pub mod swing;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod trained;
+
+pub mod verify;

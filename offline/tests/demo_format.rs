@@ -461,7 +461,7 @@ proptest! {
     ) {
         let mut demo = cloud_demo();
         demo.spec.notes = notes;
-        demo.spec.table.friction = friction;
+        demo.spec.table.as_mut().expect("it lies on a table").friction = friction;
         demo.spec.noise_m = noise_m;
         demo.spec.cameras[0].quaternion_xyzw = direction;
         demo.clamps = vec![path];

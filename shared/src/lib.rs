@@ -1,5 +1,6 @@
 //! What the offline program and the controller must agree on: messages, xArm7 kinematics, motion
-//! profile, policy network, blob format and task geometry. No `std`, no `alloc`, no clock, no file.
+//! profile, policy network, formats of policy files and recordings, task geometry. No `std`, no
+//! `alloc`, no clock, no file.
 #![no_std]
 
 pub mod arm;
@@ -10,4 +11,5 @@ pub mod ik;
 pub mod messages;
 pub mod policy;
 pub mod profile;
+pub mod recording;
 pub mod task;

@@ -1,17 +1,24 @@
 //! What travels between the controller, its clients and the arm: fixed layouts that any language can
 //! read. A layout that changes gets a new type name and a new magic word, so that old and new never
 //! misread each other. Times are CLOCK_MONOTONIC of this machine in ns; angles rad, lengths m.
+//!
+//! `controller/clients/README.md` explains them to people who write clients; a test compares it, the
+//! Python module and the C header beside it with this file.
 
 use crate::arm::{JOINTS, Joints};
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 
+/// Goes up whenever a type name below changes; the controller announces it, so that a client of another
+/// version is told so in one line instead of failing to open a service.
+pub const PROTOCOL: u32 = 2;
+
 /// First word of a [`Goal`]: the bytes `GENGOAL1`.
 pub const GOAL_MAGIC: u64 = u64::from_le_bytes(*b"GENGOAL1");
 /// First word of a [`Command`]: the bytes `GENCMND1`.
 pub const COMMAND_MAGIC: u64 = u64::from_le_bytes(*b"GENCMND1");
-/// First word of a [`RobotState`]: the bytes `GENROBO1`.
-pub const ROBOT_MAGIC: u64 = u64::from_le_bytes(*b"GENROBO1");
+/// First word of a [`RobotState`]: the bytes `GENROBO2`.
+pub const ROBOT_MAGIC: u64 = u64::from_le_bytes(*b"GENROBO2");
 /// First word of a [`JointTarget`]: the bytes `GENTARG1`.
 pub const TARGET_MAGIC: u64 = u64::from_le_bytes(*b"GENTARG1");
 /// First word of a [`Status`]: the bytes `GENSTAT1`.
@@ -32,8 +39,9 @@ pub struct Goal {
     pub x_m: f64,
     /// Which rope of the policy file, from 0.
     pub rope: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// How often the client promises a [`CommandKind::KeepAlive`] while this goal is served, ms: when it
+    /// falls silent for longer, the arm stops and a fault is latched. 0 promises nothing.
+    pub keep_alive_ms: u32,
 }
 
 /// Client to controller: stop, or go on after a stop.
@@ -45,7 +53,7 @@ pub struct Command {
     pub magic: u64,
     /// When the client sent it, ns. A stop is obeyed however old it is.
     pub stamp_ns: u64,
-    /// The client's name for this command; not zero.
+    /// The client's name for this command, not zero; for a keep-alive the id of its goal.
     pub id: u64,
     /// A [`CommandKind`].
     pub kind: u32,
@@ -56,7 +64,7 @@ pub struct Command {
 /// The arm's driver to controller: what the arm measures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
 #[repr(C)]
-#[type_name("genorm.RobotState.v1")]
+#[type_name("genorm.RobotState.v2")]
 pub struct RobotState {
     /// [`ROBOT_MAGIC`].
     pub magic: u64,
@@ -64,6 +72,8 @@ pub struct RobotState {
     pub seq: u64,
     /// When the joints were measured, ns.
     pub stamp_ns: u64,
+    /// [`JointTarget::seq`] of the newest target that the driver has read; 0 before the first.
+    pub target_seq: u64,
     /// Measured joint angles, rad.
     pub q_rad: [f64; JOINTS],
     /// Measured joint speeds, rad/s.
@@ -164,6 +174,8 @@ pub mod degraded {
     pub const NO_FLUSH_TO_ZERO: u32 = 8;
     /// Dry run: no target leaves the program, the arm is imagined.
     pub const DRY_RUN: u32 = 16;
+    /// Processors may fall into deep sleep (`/dev/cpu_dma_latency` not held), from which they wake late.
+    pub const MAY_SLEEP: u32 = 32;
 }
 
 /// Declares an enumeration that travels as a `u32`, with its code, its way back and one line of text.
@@ -213,6 +225,7 @@ coded! {
         EmergencyStop = 1, "stop now and latch; only a reset goes on";
         Reset = 2, "clear a latched fault; the arm must stand still and report no error";
         Cancel = 3, "stop, drop the goal and be idle again";
+        KeepAlive = 4, "the goal named by the id is still wanted; gets no answer";
     }
 }
 
@@ -267,6 +280,8 @@ coded! {
         GuardTripped = 44, "the guard refused a target";
         Cancelled = 45, "cancelled by a client";
         Shutdown = 46, "the controller was told to end";
+        GoalSourceSilent = 47, "the client of the goal broke its promise to send keep-alives";
+        TargetsUnread = 48, "the arm's driver does not read the targets";
         NothingToReset = 60, "no fault is latched";
         StillMoving = 61, "the stop is not complete";
         RobotNotAtRest = 62, "the arm moves, reports an error or is silent";
@@ -292,7 +307,7 @@ mod tests {
             size_of::<JointTarget>(),
             size_of::<Status>(),
         ];
-        assert_eq!(sizes, [40, 32, 144, 160, 144]);
+        assert_eq!(sizes, [40, 32, 152, 160, 144]);
         assert_eq!(align_of::<Status>(), 8);
     }
 
@@ -310,12 +325,13 @@ mod tests {
         assert_eq!([offset_of!(Command, id), offset_of!(Command, kind)], [16, 24]);
         assert_eq!(
             [
+                offset_of!(RobotState, target_seq),
                 offset_of!(RobotState, q_rad),
                 offset_of!(RobotState, dq_rad_s),
                 offset_of!(RobotState, error_code),
                 offset_of!(RobotState, gripper)
             ],
-            [24, 80, 136, 140]
+            [24, 32, 88, 144, 148]
         );
         assert_eq!(
             [
@@ -343,6 +359,8 @@ mod tests {
 
     #[test]
     fn type_names_and_magic_words_carry_the_version() {
+        // Whoever changes a name below raises the number.
+        assert_eq!(PROTOCOL, 2);
         // SAFETY: the function is unsafe only because implementing the trait is.
         let names = unsafe {
             [
@@ -358,7 +376,7 @@ mod tests {
             [
                 "genorm.Goal.v1",
                 "genorm.Command.v1",
-                "genorm.RobotState.v1",
+                "genorm.RobotState.v2",
                 "genorm.JointTarget.v1",
                 "genorm.Status.v1"
             ]

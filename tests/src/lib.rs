@@ -8,6 +8,5 @@ pub mod elastica;
 pub mod motion;
 pub mod rod;
 pub mod sample_rope;
-pub mod stepper;
 pub mod swing;
 pub mod world;

@@ -9,9 +9,9 @@ use offline::sim::physics::{ForcePoint, StressPoint};
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, simulate};
+use offline::verify::{Stepper, matrix, rows};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tests::stepper::{Stepper, matrix, rows};
 
 /// Most parameters that an effect has.
 const MOST: usize = 3;

@@ -1,32 +1,14 @@
 //! The swing task in the simulator: the quick settled approach against the robot's true motion.
 
-use offline::effects;
-use offline::sim::rope::RopeShape;
 use offline::sim::scene::Scene;
-use offline::sim::{Physics, simulate};
+use offline::sim::simulate;
+use offline::verify::setup::{SOFT_PA, elastic, rope, with_effect};
 use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 
-/// At this stiffness the rope of these tests moves in steps that the speed bound sets, not the wave
-/// speed: the step does not depend on E and ν, as the tangents assume.
-const SOFT_PA: f64 = 0.4e6;
-
-/// The paper's rope at 1000 kg/m³, or a piece of it.
-fn rope(length_m: f64, diameter_m: f64) -> RopeShape {
-    let mut shape = RopeShape {
-        length_m,
-        diameter_m,
-        mass_kg: 1.0,
-    };
-    shape.mass_kg = 1000.0 * shape.volume_m3();
-    shape
-}
-
 /// Largest x of the tip in a swing whose gravity leans out of the plane by `lean_rad`.
 fn reach_m(scene: &Scene, young_pa: f64, lean_rad: f64) -> f64 {
-    let mut physics = Physics::base(young_pa, 0.3, 0.5);
-    let tilt = effects::find("tilted_gravity").expect("the registry has tilted gravity");
-    effects::add_to(tilt, &[0.0, lean_rad], &mut physics);
+    let physics = with_effect("tilted_gravity", &[0.0, lean_rad], elastic(young_pa));
     simulate(scene, &physics).unwrap().reach_m.unwrap()
 }
 

@@ -3,12 +3,13 @@
 // Each test program uses another part of this.
 #![allow(dead_code)]
 
+mod limit_check;
+
+pub use limit_check::limits_hold_at;
+
 use controller::sample;
 use controller::step::{Controller, Inputs, Output, Setup};
-use shared::arm::{
-    self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, JERK_MAX_RAD_S3, JOINTS, Joints, LEVEL_POSTURE_RAD,
-    SPEED_MAX_RAD_S,
-};
+use shared::arm::{Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, JointTarget, Phase, ROBOT_MAGIC, Reason,
     RobotState, Status,
@@ -26,8 +27,13 @@ pub struct World {
     pub arm: Option<RobotState>,
     /// Whether the arm goes where it is told.
     pub follows: bool,
+    /// Whether the arm's driver reads the targets.
+    pub reads: bool,
+    cycle_ns: u64,
     pub targets: Vec<JointTarget>,
     pub status: Status,
+    /// Every reason that latched.
+    pub latched: Vec<Reason>,
     pub ended: bool,
     id: u64,
 }
@@ -38,6 +44,7 @@ pub fn setup() -> Setup {
         cycle_ns: CYCLE_NS,
         cycles_per_target: 1,
         silent_cycles_max: SILENT_CYCLES,
+        gripper_lead_ns: 0,
         degraded: 0,
     }
 }
@@ -59,13 +66,16 @@ impl World {
     /// The same with another setup.
     pub fn with(setup: Setup) -> Self {
         Self {
+            cycle_ns: setup.cycle_ns,
             controller: Controller::new(setup),
             now_ns: 1_000_000_000,
             next: Inputs::default(),
             arm: Some(arm_at(LEVEL_POSTURE_RAD)),
             follows: true,
+            reads: true,
             targets: Vec::new(),
             status: Status::default(),
+            latched: Vec::new(),
             ended: false,
             id: 0,
         }
@@ -80,7 +90,7 @@ impl World {
     }
 
     pub fn cycle(&mut self) -> Output {
-        self.now_ns += CYCLE_NS;
+        self.now_ns += self.cycle_ns;
         if let Some(arm) = &mut self.arm {
             arm.seq += 1;
             arm.stamp_ns = self.now_ns;
@@ -90,11 +100,20 @@ impl World {
         let output = self.controller.step(&inputs, self.now_ns);
         if let Some(target) = output.target {
             self.targets.push(target);
-            if let (Some(arm), true) = (&mut self.arm, self.follows) {
-                arm.q_rad = target.q_rad;
+            if let Some(arm) = &mut self.arm {
+                if self.follows {
+                    arm.q_rad = target.q_rad;
+                }
+                if self.reads {
+                    arm.target_seq = target.seq;
+                }
             }
         }
         if let Some(status) = output.status {
+            let reason = Reason::from_code(status.latch_reason).expect("a known reason");
+            if status.latch_reason != self.status.latch_reason && reason != Reason::Accepted {
+                self.latched.push(reason);
+            }
             self.status = status;
         }
         self.ended |= output.ended;
@@ -126,7 +145,7 @@ impl World {
             id: self.id,
             x_m,
             rope: 0,
-            reserved: 0,
+            keep_alive_ms: 0,
         }
     }
 
@@ -144,16 +163,25 @@ impl World {
         goal.id
     }
 
-    /// Sends a command and returns the verdict on it.
-    pub fn command(&mut self, kind: CommandKind) -> Reason {
-        self.id += 1;
+    /// Says in the next cycle that the goal is still wanted.
+    pub fn keep_alive(&mut self, goal_id: u64) {
+        self.send(CommandKind::KeepAlive, goal_id);
+    }
+
+    fn send(&mut self, kind: CommandKind, id: u64) {
         self.next.command = Some(Command {
             magic: COMMAND_MAGIC,
             stamp_ns: self.now_ns,
-            id: self.id,
+            id,
             kind: kind.code(),
             reserved: 0,
         });
+    }
+
+    /// Sends a command and returns the verdict on it.
+    pub fn command(&mut self, kind: CommandKind) -> Reason {
+        self.id += 1;
+        self.send(kind, self.id);
         self.cycle();
         assert_eq!(self.status.command_id, self.id);
         Reason::from_code(self.status.command_reason).unwrap()
@@ -164,36 +192,7 @@ impl World {
     }
 }
 
-/// Every target, pair, triple and four of one stream obeys the limits by finite differences.
+/// All of `targets`, `PERIOD_S` apart.
 pub fn limits_hold(targets: &[JointTarget]) -> Result<(), String> {
-    for (k, target) in targets.iter().enumerate() {
-        if let Some(joint) = arm::joint_out_of_range(&target.q_rad) {
-            return Err(format!("target {k}: joint {joint} out of range"));
-        }
-        // Before its first target a stream is at rest there.
-        let begin = targets[..=k]
-            .iter()
-            .rposition(|other| other.stream != target.stream)
-            .map_or(0, |last| last + 1);
-        let at = |back: usize| &targets[k.saturating_sub(back).max(begin)];
-        let speed = |i: usize, back: usize| (at(back).q_rad[i] - at(back + 1).q_rad[i]) / PERIOD_S;
-        for i in 0..JOINTS {
-            let (v0, v1, v2) = (speed(i, 0), speed(i, 1), speed(i, 2));
-            let (a0, a1) = ((v0 - v1) / PERIOD_S, (v1 - v2) / PERIOD_S);
-            let shares = [
-                v0 / SPEED_MAX_RAD_S,
-                a0 / ACCELERATION_MAX_RAD_S2,
-                (a0 - a1) / PERIOD_S / JERK_MAX_RAD_S3,
-            ];
-            // Subtracting angles of up to 6 rad leaves 1e-15 / (4 ms)³ of noise in the jerk.
-            if shares.iter().any(|share| share.abs() > 1.0 + 1e-6) {
-                return Err(format!("target {k}, joint {i}: shares of the limits {shares:?}"));
-            }
-        }
-        let travel = arm::flange(&target.q_rad).position_m - arm::flange(&at(1).q_rad).position_m;
-        if travel.norm() / PERIOD_S > FLANGE_SPEED_MAX_M_S * (1.0 + 1e-6) {
-            return Err(format!("target {k}: flange speed"));
-        }
-    }
-    Ok(())
+    limits_hold_at(targets, PERIOD_S)
 }

@@ -4,6 +4,7 @@ mod demos;
 mod import;
 mod progress;
 mod runs;
+mod verify;
 
 use clap::{Args, Parser, Subcommand};
 use offline::pipeline::{Preset, Stage};
@@ -46,6 +47,9 @@ enum Command {
     /// Like `run`, but stops once the blob is written and read back.
     #[command(after_help = "Example: offline freeze --demo my-rope/lift-1 --out runs/my-rope")]
     Freeze(RunArguments),
+    /// Verify the simulator against what is known exactly; exit code 1 when a case fails.
+    #[command(after_help = "Example: offline verify --random 1000 --out runs/verify")]
+    Verify(VerifyArguments),
     /// Work with demonstration folders.
     #[command(subcommand)]
     Demo(DemoCommand),
@@ -109,6 +113,23 @@ struct RunArguments {
     threads: Option<usize>,
 }
 
+/// What is verified.
+#[derive(Args)]
+struct VerifyArguments {
+    /// One grid only: seconds instead of minutes.
+    #[arg(long)]
+    quick: bool,
+    /// Run this number of random scenes as well.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    random: usize,
+    /// Seed of the random scenes.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for verify.json, verify.txt and the plots.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
 /// Exit code after Ctrl-C, as shells count it.
 const STOPPED: u8 = 130;
 
@@ -122,6 +143,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Train(a) => runs::run(&a, Stage::Train, json),
         Command::Evaluate(a) => runs::run(&a, Stage::Evaluate, json),
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
+        Command::Verify(a) => verify::run(&a, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
         Command::Demo(DemoCommand::Export(target)) => import::export(target, json),

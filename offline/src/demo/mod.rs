@@ -10,6 +10,7 @@ mod pcd;
 mod plausible;
 mod points;
 mod read;
+mod recording;
 mod ros;
 mod summary;
 mod table;
@@ -18,6 +19,7 @@ mod write;
 pub use draw::plot_svg;
 pub use error::DemoError;
 pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};
+pub use recording::recording;
 pub use summary::{summary, warnings};
 
 use serde::{Deserialize, Serialize};

@@ -119,7 +119,8 @@ fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError
     Ok(())
 }
 
-fn read_observations(dir: &Path) -> Result<Observations, DemoError> {
+/// What was seen, from the one of `clouds.csv` and `markers.csv` that is in the folder.
+pub(super) fn read_observations(dir: &Path) -> Result<Observations, DemoError> {
     let clouds = dir.join("clouds.csv");
     let markers = dir.join("markers.csv");
     match (clouds.exists(), markers.exists()) {

@@ -3,7 +3,7 @@
 use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, bracket, measure};
-use crate::sim::dual::Dual;
+use crate::sim::dual::{Dual, Float};
 use crate::sim::tensor::value3;
 use crate::sim::{Real, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
@@ -120,11 +120,14 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn residuals(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
-        let parts: Vec<_> = self.run(structure, &theta32)?;
+        let rows = if self.hangs() {
+            rows_only(self.run(structure, theta)?)
+        } else {
+            rows_only(self.run(structure, &single(theta))?)
+        };
         Ok(Evaluation {
             theta: theta.to_vec(),
-            rows: parts.into_iter().map(|(rows, _)| rows).collect(),
+            rows,
             jacobian: DMatrix::zeros(0, 0),
         })
     }
@@ -149,7 +152,24 @@ impl<'a> Problem<'a> {
         structure: &Structure,
         theta: &[f64],
     ) -> Result<Evaluation, FitError> {
-        let dual: Vec<Dual<f32, N>> = theta
+        if self.hangs() {
+            self.evaluate_in::<f64, N>(structure, theta)
+        } else {
+            self.evaluate_in::<f32, N>(structure, theta)
+        }
+    }
+
+    /// Whether a rope hangs at its start: poses at rest take double precision.
+    fn hangs(&self) -> bool {
+        self.scenes.iter().any(|scene| scene.start.hang().is_some())
+    }
+
+    fn evaluate_in<F: Float, const N: usize>(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Evaluation, FitError> {
+        let dual: Vec<Dual<F, N>> = theta
             .iter()
             .enumerate()
             .map(|(k, &value)| Dual::input(value, k))
@@ -165,8 +185,8 @@ impl<'a> Problem<'a> {
                 for k in 0..theta.len() {
                     jacobian[(row_index, k)] = (0..3)
                         .map(|c| {
-                            let a = f64::from(frame[low][c].tangent[k]);
-                            let b = f64::from(frame[low + 1][c].tangent[k]);
+                            let a = frame[low][c].tangent[k].value();
+                            let b = frame[low + 1][c].tangent[k].value();
                             row.direction[c] * (a * (1.0 - share) + b * share)
                         })
                         .sum();
@@ -227,15 +247,48 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped.
     pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
-        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
+        if self.hangs() {
+            let rollouts = self.simulate_all(structure, theta)?;
+            return Ok(rollouts.into_iter().map(rounded).collect());
+        }
+        self.simulate_all(structure, &single(theta))
+    }
+
+    fn simulate_all<T: Real>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Rollout<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
             .map(|d| {
                 let demo = self.demos[d];
-                let physics = structure.physics(&theta32, demo.spec.friction());
+                let physics = structure.physics(theta, demo.spec.friction());
                 simulate(&self.scenes[d], &physics).map_err(|error| simulation(demo, error))
             })
             .collect()
+    }
+}
+
+fn single(theta: &[f64]) -> Vec<f32> {
+    theta.iter().map(|&t| t as f32).collect()
+}
+
+fn rows_only<T>(parts: Vec<Measured<T>>) -> Vec<Vec<Row>> {
+    parts.into_iter().map(|(rows, _)| rows).collect()
+}
+
+/// The same rollout in single precision.
+fn rounded(rollout: Rollout<f64>) -> Rollout<f32> {
+    let vectors = |list: Vec<Vec<[f64; 3]>>| -> Vec<Vec<[f32; 3]>> {
+        let vector = |v: [f64; 3]| v.map(|c| c as f32);
+        list.into_iter()
+            .map(|frame| frame.into_iter().map(vector).collect())
+            .collect()
+    };
+    Rollout {
+        frames: vectors(rollout.frames),
+        grip_forces_n: vectors(rollout.grip_forces_n),
+        arc_m: rollout.arc_m,
+        reach_m: rollout.reach_m.map(|reach| reach as f32),
+        steps: rollout.steps,
+        dt_s: rollout.dt_s,
     }
 }
 

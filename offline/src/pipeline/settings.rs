@@ -38,7 +38,7 @@ impl RunSettings {
         match preset {
             Preset::Quick => Self {
                 preset,
-                cells: 1.5,
+                cells: crate::sim::scene::MIN_CELLS_PER_DIAMETER,
                 rollouts: 192,
                 evaluation: [15, 2],
                 seed,

@@ -7,7 +7,10 @@
 
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
-use super::tensor::{Mat3, Vec3, add, matmul_transposed, matvec, rotation_of_quaternion};
+use super::step::Particle;
+use super::tensor::{
+    Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, scaled, sub, zero3,
+};
 
 /// κ: stiffness of the clamp's springs. On an elastic foundation of this stiffness a beam's clamped
 /// end gives by a length (4 E I / k)^¼, a fifth of a cell here. Measured on a cantilever 1.8 cells
@@ -29,7 +32,9 @@ pub struct Knot {
     pub closed: bool,
 }
 
-/// Path of a clamp: cubic Hermite interpolation between knots, constant beyond the ends.
+/// Path of a clamp: cubic Hermite interpolation between knots, constant beyond the ends. A path whose
+/// last knot opens while moving goes on at that knot's rate: the last closed step aims at a time just
+/// after the opening, and would brake the rope if the path stood still there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClampPath {
     knots: Vec<Knot>,
@@ -42,7 +47,8 @@ impl ClampPath {
         Self { knots }
     }
 
-    /// A path from sampled poses; rates are the slopes of the parabolas through neighbours.
+    /// A path from sampled poses; rates are the slopes of the parabolas through neighbours. It starts
+    /// at rest, as the rope does; at its end the last parabola goes on.
     pub fn from_samples(samples: &[(f64, Pose<f64>, bool)]) -> Self {
         let n = samples.len();
         let slope = |a: usize, b: usize, k: usize| {
@@ -51,8 +57,11 @@ impl ClampPath {
         let knots = (0..n)
             .map(|i| {
                 let rate = std::array::from_fn(|k| {
-                    if i == 0 || i + 1 == n {
+                    if i == 0 {
                         return 0.0;
+                    }
+                    if i + 1 == n {
+                        return end_slope(samples, k);
                     }
                     let (before, after) = (samples[i].0 - samples[i - 1].0, samples[i + 1].0 - samples[i].0);
                     (after * slope(i - 1, i, k) + before * slope(i, i + 1, k)) / (before + after)
@@ -97,9 +106,13 @@ impl ClampPath {
     pub fn pose<T: Real>(&self, t_s: T) -> Pose<T> {
         let i = self.interval(t_s.value());
         let a = &self.knots[i];
-        let outside = t_s.value() < a.t_s || i + 1 == self.knots.len();
-        if outside {
+        let (before, after) = (t_s.value() < a.t_s, i + 1 == self.knots.len());
+        if before || after && a.closed {
             return a.pose.map(T::of);
+        }
+        if after {
+            let since = t_s - T::of(a.t_s);
+            return std::array::from_fn(|k| T::of(a.pose[k]) + since.scale(a.rate[k]));
         }
         let b = &self.knots[i + 1];
         let h = b.t_s - a.t_s;
@@ -127,6 +140,16 @@ impl ClampPath {
             }
         }
         pose
+    }
+}
+
+/// Slope at the last sample of the parabola through the last three.
+fn end_slope(samples: &[(f64, Pose<f64>, bool)], k: usize) -> f64 {
+    let slope = |a: usize, b: usize| (samples[b].1[k] - samples[a].1[k]) / (samples[b].0 - samples[a].0);
+    match samples.len() {
+        0 | 1 => 0.0,
+        2 => slope(0, 1),
+        n => slope(n - 2, n - 1) + slope(n - 3, n - 1) - slope(n - 3, n - 2),
     }
 }
 
@@ -166,6 +189,27 @@ impl<T: Real> RigidMotion<T> {
     }
 }
 
+/// Force of every grip on the rope in the step that ended in this state, N; zero for an open grip.
+///
+/// The springs are implicit, so a particle's spring pulls with κ m/dt² times the gap that is left at
+/// the end of the step. In `f32` a gap of a fraction of a micrometre is near rounding: read forces
+/// from a rollout in `f64`.
+pub fn grip_forces_n<T: Real>(
+    particles: &[Particle<T>],
+    motions: &[Option<RigidMotion<T>>],
+    dt_s: f64,
+) -> Vec<Vec3<T>> {
+    let mut forces = vec![zero3(); motions.len()];
+    for p in particles {
+        let Some((grip, offset_m)) = p.grip else { continue };
+        let Some(motion) = &motions[grip] else { continue };
+        let gap = sub(motion.place(offset_m), p.position_m);
+        let stiffness = p.mass_kg.scale(STIFFNESS);
+        forces[grip] = add(forces[grip], scaled(mul(gap, stiffness), 1.0 / (dt_s * dt_s)));
+    }
+    forces
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,7 +222,7 @@ mod tests {
             .map(|&t| (t, pose(t), true))
             .collect();
         let path = ClampPath::from_samples(&samples);
-        for t in [0.12_f64, 0.2, 0.26, 0.29] {
+        for t in [0.12_f64, 0.2, 0.26, 0.29, 0.37, 0.48] {
             let got = path.pose(t);
             assert!((got[0] - t * t).abs() < 1e-12, "{t}: {}", got[0]);
             assert!((got[1] + t).abs() < 1e-12);

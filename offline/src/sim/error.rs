@@ -1,4 +1,7 @@
 //! Why a simulation refused to start or stopped: always typed, never a repair, never silence.
+//!
+//! Nothing can leave the grid, because the grid belongs to the material ([`super::grid`]); what runs
+//! away in space is stopped as too fast or as not finite. `offline verify` produces every cause.
 
 use thiserror::Error;
 
@@ -19,8 +22,8 @@ pub enum Cause {
         /// Index of the particle.
         particle: usize,
     },
-    /// A particle moved further than half a cell in one step.
-    #[error("particle {particle} moves at {speed_m_s:.1} m/s, too fast for the time step")]
+    /// A particle moved further than half a cell in one step: the CFL condition is violated.
+    #[error("particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL)")]
     TooFast {
         /// Index of the particle.
         particle: usize,
@@ -58,6 +61,16 @@ pub enum Cause {
     RestsOnTable {
         /// Height of its lowest point, m.
         lowest_m: f64,
+    },
+    /// The rollout would not end within reason.
+    #[error(
+        "{steps:.1e} steps of {particles} particles are too much: choose a coarser grid, a shorter time, or less stiffness or internal damping, which shorten the step"
+    )]
+    TooLong {
+        /// Steps from start to end.
+        steps: f64,
+        /// Particles.
+        particles: usize,
     },
     /// A parameter is outside its physical range.
     #[error("{name} = {value} is outside its range")]

@@ -34,7 +34,8 @@ pub struct GridSpec {
     /// Distance of neighbouring nodes, m.
     pub spacing_m: f64,
     /// Shift of the nodes along (s, side, up), in cells. At zero a node plane lies on the rope's
-    /// start, and the axis runs through the middle between node lines, where bending is most exact.
+    /// start, and the axis runs through the middle between node lines, where bending is most exact;
+    /// [`super::Scene::lay_grid`] shifts it along the rope to where clamps are most exact.
     pub shift_cells: [f64; 3],
 }
 

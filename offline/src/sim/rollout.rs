@@ -1,6 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::RigidMotion;
+use super::clamp::{RigidMotion, grip_forces_n};
 use super::error::{Cause, SimError};
 use super::grid::Grid;
 use super::physics::Physics;
@@ -18,6 +18,9 @@ use rayon::prelude::*;
 pub struct Rollout<T> {
     /// Centreline per recorded time: one point per slice, m.
     pub frames: Vec<Vec<Vec3<T>>>,
+    /// Force of each grip on the rope per recorded time, N, at the end of the step that holds the time;
+    /// zero at the start and where a grip is open.
+    pub grip_forces_n: Vec<Vec<Vec3<T>>>,
     /// Arc length of each slice, m.
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
@@ -28,19 +31,11 @@ pub struct Rollout<T> {
     pub dt_s: f64,
 }
 
-/// Particles of the rope as the scene starts.
-///
-/// # Errors
-/// The rope hangs, and no pose at rest was found.
-pub fn initial_particles<T: Real>(
-    scene: &Scene,
-    layout: &RopeLayout,
-    masses_kg: &[T],
-    physics: &Physics<T>,
-) -> Result<Vec<Particle<T>>, Cause> {
+/// Particles of the undeformed rope at rest.
+pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
     let (side, up) = perpendicular(scene.direction);
     let straight = std::array::from_fn(|k| [scene.direction[k], side[k], up[k]].map(T::of));
-    let mut particles: Vec<Particle<T>> = (0..layout.particles())
+    (0..layout.particles())
         .map(|index| {
             let material_m = layout.material_m(index);
             Particle {
@@ -54,25 +49,30 @@ pub fn initial_particles<T: Real>(
                 grip: scene.grip_offset(material_m),
             }
         })
-        .collect();
-    if let Some(hang) = scene.start.hang() {
-        let statics = Statics::new(scene, physics);
-        let first = statics.solve(&hang.poses[0])?;
-        let later = match (&scene.start, hang.poses.get(1)) {
-            (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
-            _ => None,
-        };
-        for (index, particle) in particles.iter_mut().enumerate() {
-            let (x, f) = statics.particle(&first, index);
-            (particle.position_m, particle.deformation_gradient) = (x, f);
-            if let Some((after_s, nodes)) = &later {
-                let (x1, f1) = statics.particle(nodes, index);
-                particle.velocity_m_s = scaled(sub(x1, x), 1.0 / after_s);
-                particle.deformation_rate = std::array::from_fn(|k| scaled(sub(f1[k], f[k]), 1.0 / after_s));
-            }
+        .collect()
+}
+
+/// Brings the particles to where the scene starts, if the rope hangs there.
+fn hang<T: Real>(scene: &Scene, physics: &Physics<T>, particles: &mut [Particle<T>]) -> Result<(), Cause> {
+    let Some(hang) = scene.start.hang() else {
+        return Ok(());
+    };
+    let statics = Statics::new(scene, physics);
+    let first = statics.solve(&hang.poses[0])?;
+    let later = match (&scene.start, hang.poses.get(1)) {
+        (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
+        _ => None,
+    };
+    for (index, particle) in particles.iter_mut().enumerate() {
+        let (x, f) = statics.particle(&first, index);
+        (particle.position_m, particle.deformation_gradient) = (x, f);
+        if let Some((after_s, nodes)) = &later {
+            let (x1, f1) = statics.particle(nodes, index);
+            particle.velocity_m_s = scaled(sub(x1, x), 1.0 / after_s);
+            particle.deformation_rate = std::array::from_fn(|k| scaled(sub(f1[k], f[k]), 1.0 / after_s));
         }
     }
-    Ok(particles)
+    Ok(())
 }
 
 /// Mass of every particle, kg: the rope's, the declared mass at its end, and what the laws change.
@@ -112,14 +112,18 @@ fn hang_still<T: Real>(scene: &Scene, physics: &Physics<T>, hang: &Hang) -> Resu
             let sum = of_slice.fold(zero3(), |sum, p| add(sum, statics.particle(&nodes, p).0));
             scaled(sum, 1.0 / members as f64)
         };
-        Ok((0..layout.slices.len()).map(middle).collect())
+        let line: Vec<Vec3<T>> = (0..layout.slices.len()).map(middle).collect();
+        Ok((line, statics.grip_forces_n(&nodes, pose)))
     };
+    let found: Vec<_> = hang
+        .poses
+        .par_iter()
+        .map(frame)
+        .collect::<Result<_, SimError>>()?;
+    let (frames, grip_forces_n) = found.into_iter().unzip();
     Ok(Rollout {
-        frames: hang
-            .poses
-            .par_iter()
-            .map(frame)
-            .collect::<Result<_, SimError>>()?,
+        frames,
+        grip_forces_n,
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: None,
         steps: 0,
@@ -151,22 +155,20 @@ unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollo
 #[inline(always)]
 fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     check_parameters(physics)?;
+    scene.check()?;
     if let Start::Poses(hang) = &scene.start {
         return hang_still(scene, physics, hang);
     }
     let layout = scene.layout();
+    let dt_s = time_step_s(scene, physics);
+    // Before anything of the size of the rope is built.
+    let steps = scene.steps(dt_s, layout.particles())?;
     let masses = particle_masses(scene, &layout, physics);
-    let mut particles = initial_particles(scene, &layout, &masses, physics).map_err(SimError::at_start)?;
-    let lame = physics.lame();
-    let viscosity = physics
-        .stress_laws
-        .iter()
-        .map(|law| law.viscosity_pa_s(&lame))
-        .fold(0.0, f64::max);
-    let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), viscosity);
+    let mut particles = initial_particles(scene, &layout, &masses);
+    hang(scene, physics, &mut particles).map_err(SimError::at_start)?;
     let context = StepContext {
         physics,
-        lame,
+        lame: physics.lame(),
         dt_s,
         diameter_m: scene.rope.diameter_m,
         table_m: scene.table.map(|t| t.height_m),
@@ -174,31 +176,46 @@ fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimEr
     };
     let mut grid = Grid::new(&layout, scene.grid, &masses);
     let mut recorder = Recorder::new(scene, &layout);
-    let steps = (scene.duration_s / dt_s).ceil() as usize;
-    recorder.record(&particles, 0.0);
+    recorder.record(&particles, &vec![None; scene.grips.len()], 0.0, dt_s);
     for number in 0..steps {
         let t_s = number as f64 * dt_s;
         let motions = grip_motions(scene, physics, t_s, dt_s);
         let decay = match scene.settling {
-            Some(settling) if t_s < settling.until_s => (-settling.rate_per_s * dt_s).exp(),
+            Some(settling) if t_s < settling.until_s => libm::exp(-settling.rate_per_s * dt_s),
             _ => 1.0,
         };
+        // An instability takes many steps to grow; the last state is always looked at.
+        let look = number % CHECK_EVERY == 0 || number + 1 == steps;
         step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| check_speed(&particles, scene.grid.spacing_m / dt_s, number))
+            .and_then(|()| {
+                if look {
+                    check_state(&particles, &context, scene)
+                } else {
+                    Ok(())
+                }
+            })
             .map_err(|cause| SimError {
                 step: number,
                 t_s,
                 cause,
             })?;
-        recorder.record(&particles, t_s + dt_s);
+        recorder.record(&particles, &motions, t_s + dt_s, dt_s);
     }
     Ok(Rollout {
         frames: recorder.frames,
+        grip_forces_n: recorder.grip_forces_n,
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: recorder.reach_m,
         steps,
         dt_s,
     })
+}
+
+/// The time step of a scene with a physics, s.
+pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    let lame = physics.lame();
+    let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
+    scene.time_step_s(lame.p_wave_modulus().value(), viscosities.fold(0.0, f64::max))
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
@@ -214,15 +231,24 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     if !(friction.is_finite() && friction >= 0.0) {
         return bad("friction", friction);
     }
+    for component in physics.gravity_m_s2 {
+        if !component.value().is_finite() {
+            return bad("gravity_m_s2", component.value());
+        }
+    }
     Ok(())
 }
 
-/// Looks for runaway particles now and then: an instability takes many steps to grow.
-fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usize) -> Result<(), Cause> {
-    const EVERY: usize = 16;
-    if !step.is_multiple_of(EVERY) {
-        return Ok(());
-    }
+/// Steps between two looks for runaway particles.
+const CHECK_EVERY: usize = 16;
+
+/// Looks for particles that are not finite or move too far per step.
+fn check_state<T: Real>(
+    particles: &[Particle<T>],
+    context: &StepContext<T>,
+    scene: &Scene,
+) -> Result<(), Cause> {
+    let fastest_m_s = 0.5 * scene.grid.spacing_m / context.dt_s;
     for (particle, p) in particles.iter().enumerate() {
         let speed_m_s = p
             .velocity_m_s
@@ -230,17 +256,18 @@ fn check_speed<T: Real>(particles: &[Particle<T>], cell_per_step: f64, step: usi
             .map(|c| c.value().powi(2))
             .sum::<f64>()
             .sqrt();
-        if speed_m_s.is_nan() {
+        if !speed_m_s.is_finite() || p.position_m.iter().any(|c| !c.value().is_finite()) {
             return Err(Cause::NonFinite { particle });
         }
-        if speed_m_s > 0.5 * cell_per_step {
+        if speed_m_s > fastest_m_s {
             return Err(Cause::TooFast { particle, speed_m_s });
         }
     }
     Ok(())
 }
 
-fn grip_motions<T: Real>(
+/// Where each closed grip stands at the end of the step that begins at `t_s`.
+pub fn grip_motions<T: Real>(
     scene: &Scene,
     physics: &Physics<T>,
     t_s: f64,
@@ -263,6 +290,7 @@ struct Recorder<'a, T> {
     scene: &'a Scene,
     section: usize,
     frames: Vec<Vec<Vec3<T>>>,
+    grip_forces_n: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
 }
 
@@ -272,17 +300,25 @@ impl<'a, T: Real> Recorder<'a, T> {
             scene,
             section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
+            grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
         }
     }
 
-    fn record(&mut self, particles: &[Particle<T>], now_s: f64) {
+    fn record(
+        &mut self,
+        particles: &[Particle<T>],
+        motions: &[Option<RigidMotion<T>>],
+        now_s: f64,
+        dt_s: f64,
+    ) {
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
             self.frames.push(centreline(particles, self.section, due - now_s));
+            self.grip_forces_n.push(grip_forces_n(particles, motions, dt_s));
         }
         if now_s >= self.scene.score_from_s {
             let tip = self.tip_x(particles);

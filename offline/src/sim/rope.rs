@@ -14,6 +14,17 @@ pub struct RopeShape {
 }
 
 impl RopeShape {
+    /// A rope of uniform density, kg/m³.
+    pub fn of_density(length_m: f64, diameter_m: f64, density_kg_m3: f64) -> Self {
+        let mut shape = Self {
+            length_m,
+            diameter_m,
+            mass_kg: 0.0,
+        };
+        shape.mass_kg = density_kg_m3 * shape.volume_m3();
+        shape
+    }
+
     /// Volume, m³.
     pub fn volume_m3(&self) -> f64 {
         std::f64::consts::FRAC_PI_4 * self.diameter_m * self.diameter_m * self.length_m
@@ -120,7 +131,9 @@ fn section(diameter_m: f64, spacing_m: f64) -> Vec<[f64; 2]> {
         let r = radius * mean_square.sqrt();
         for i in 0..count {
             let angle = std::f64::consts::TAU * (i as f64 + 0.5) / count as f64;
-            points.push([r * angle.cos(), r * angle.sin()]);
+            // The same bits on every machine, which the system's sine does not promise.
+            let (sin, cos) = libm::sincos(angle);
+            points.push([r * cos, r * sin]);
         }
     }
     points

@@ -6,6 +6,9 @@
 //! directly; a damped rollout to the same state takes some thousand times as many operations. The
 //! tangent matrix is that of the elastic rope. Numbers with tangents go through the same iteration,
 //! so that what comes out carries the exact derivatives of the rest state.
+//!
+//! It takes double precision: nodes at the rope's surface are held by so little of it that single
+//! precision loses them.
 
 use super::band::{Band, Factor};
 use super::clamp::{RigidMotion, STIFFNESS};
@@ -188,6 +191,20 @@ impl<'a, T: Real> Statics<'a, T> {
             }
         }
         Err(Cause::NoRest { moved_m })
+    }
+
+    /// Force of each grip on the rope, N.
+    pub fn grip_forces_n(&self, nodes: &[Vec3<T>], pose: &Pose) -> Vec<Vec3<T>> {
+        let mut forces = vec![zero3(); self.scene.grips.len()];
+        for (p, target) in self.held(pose.t_s).into_iter().enumerate() {
+            let grip = self.scene.grip_offset(self.layout.material_m(p));
+            if let (Some(target), Some((grip, _))) = (target, grip) {
+                let spring = self.masses_kg[p].scale(self.clamp_per_kg);
+                let gap = sub(target, self.particle(nodes, p).0);
+                forces[grip] = add(forces[grip], mul(gap, spring));
+            }
+        }
+        forces
     }
 
     /// Where the clamps want each gripped particle.

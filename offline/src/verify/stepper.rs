@@ -1,45 +1,46 @@
-//! A rope without grips, stepped one step at a time with its particles in view: tests of momentum,
-//! energy and invariance need the state that a rollout does not show.
+//! A rope stepped one step at a time with its particles in view: momentum, energy, invariance and
+//! vibration need the state that a rollout does not show.
 
+use crate::sim::elastic::energy_density;
+use crate::sim::error::Cause;
+use crate::sim::grid::Grid;
+use crate::sim::rollout::{grip_motions, initial_particles, time_step_s};
+use crate::sim::rope::RopeLayout;
+use crate::sim::step::{Particle, StepContext, step};
+use crate::sim::{Physics, Scene, SimError};
 use nalgebra::{Matrix3, Vector3};
-use offline::sim::elastic::energy_density;
-use offline::sim::error::Cause;
-use offline::sim::grid::Grid;
-use offline::sim::rollout::initial_particles;
-use offline::sim::step::{Particle, StepContext, step};
-use offline::sim::{Physics, Scene};
 
-/// A free rope in double precision.
+/// A rope in double precision.
 pub struct Stepper<'a> {
     /// The particles.
     pub particles: Vec<Particle<f64>>,
     /// The time step, s.
     pub dt_s: f64,
+    /// Where the particles lie in the undeformed rope.
+    pub layout: RopeLayout,
     scene: &'a Scene,
     physics: &'a Physics<f64>,
     grid: Grid<f64>,
-    section: usize,
+    steps: usize,
 }
 
 impl<'a> Stepper<'a> {
-    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's grips,
-    /// settling and changes of mass are not used.
+    /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's settling and
+    /// changes of mass are not used.
     pub fn new(scene: &'a Scene, physics: &'a Physics<f64>) -> Self {
         let layout = scene.layout();
         let density = scene.rope.density_kg_m3();
         let masses: Vec<f64> = (0..layout.particles())
             .map(|p| density * layout.particle_volume_m3(p))
             .collect();
-        let lame = physics.lame();
-        let viscosities = physics.stress_laws.iter().map(|law| law.viscosity_pa_s(&lame));
-        let dt_s = scene.time_step_s(lame.p_wave_modulus(), viscosities.fold(0.0, f64::max));
         Self {
-            particles: initial_particles(scene, &layout, &masses, physics).expect("a straight rope"),
-            dt_s,
+            particles: initial_particles(scene, &layout, &masses),
+            dt_s: time_step_s(scene, physics),
+            grid: Grid::new(&layout, scene.grid, &masses),
+            layout,
             scene,
             physics,
-            grid: Grid::new(&layout, scene.grid, &masses),
-            section: layout.section_m.len(),
+            steps: 0,
         }
     }
 
@@ -54,23 +55,74 @@ impl<'a> Stepper<'a> {
         }
     }
 
+    /// Gives the undeformed rope a velocity field over the material coordinates (s, side, up), itself
+    /// along these axes, with its gradient.
+    pub fn set_material_motion(&mut self, field: impl Fn(Vector3<f64>) -> Vector3<f64>) {
+        const H_M: f64 = 1e-7;
+        for (index, p) in self.particles.iter_mut().enumerate() {
+            let [side, up] = self.layout.section_m[index % self.layout.section_m.len()];
+            let at = Vector3::new(self.layout.slice_of(index).arc_m, side, up);
+            let turn = matrix(&p.deformation_gradient);
+            p.velocity_m_s = (turn * field(at)).into();
+            let slope = |k: usize| {
+                let step = Vector3::ith(k, H_M);
+                (field(at + step) - field(at - step)) / (2.0 * H_M)
+            };
+            let gradient = Matrix3::from_columns(&[slope(0), slope(1), slope(2)]);
+            p.deformation_rate = rows(&(turn * gradient));
+        }
+    }
+
+    /// Time, s.
+    pub fn now_s(&self) -> f64 {
+        self.steps as f64 * self.dt_s
+    }
+
     /// Advances by `count` steps.
     ///
     /// # Errors
     /// The material turned inside out or a value is not finite.
-    pub fn advance(&mut self, count: usize) -> Result<(), Cause> {
+    pub fn advance(&mut self, count: usize) -> Result<(), SimError> {
+        self.advance_damped(count, 0.0)
+    }
+
+    /// Advances by `count` steps while every velocity decays at a rate, 1/s.
+    ///
+    /// # Errors
+    /// As [`Self::advance`].
+    pub fn advance_damped(&mut self, count: usize, rate_per_s: f64) -> Result<(), SimError> {
         let context = StepContext {
             physics: self.physics,
             lame: self.physics.lame(),
             dt_s: self.dt_s,
             diameter_m: self.scene.rope.diameter_m,
             table_m: self.scene.table.map(|t| t.height_m),
-            section: self.section,
+            section: self.layout.section_m.len(),
         };
+        let decay = (-rate_per_s * self.dt_s).exp();
         for _ in 0..count {
-            step(&mut self.particles, &mut self.grid, &context, &[], 1.0)?;
+            let t_s = self.now_s();
+            let motions = grip_motions(self.scene, self.physics, t_s, self.dt_s);
+            let stop = |cause: Cause| SimError {
+                step: self.steps,
+                t_s,
+                cause,
+            };
+            step(&mut self.particles, &mut self.grid, &context, &motions, decay).map_err(stop)?;
+            self.steps += 1;
         }
         Ok(())
+    }
+
+    /// Centre of every slice, m.
+    pub fn centreline_m(&self) -> Vec<Vector3<f64>> {
+        self.particles
+            .chunks(self.layout.section_m.len())
+            .map(|slice| {
+                let sum: Vector3<f64> = slice.iter().map(|p| Vector3::from(p.position_m)).sum();
+                sum / slice.len() as f64
+            })
+            .collect()
     }
 
     /// Mass, kg.

@@ -1,0 +1,130 @@
+"""The loop between the controller and an arm, the same for the real one and a simulated one.
+
+An arm is an object with these methods; `xarm_bridge.py` and `mujoco_bridge.py` have one each:
+
+    read()              -> (q_rad, dq_rad_s, error_code), measured joints; called every period
+    command(q_rad)      sends joints to the arm; may raise ArmError
+    grip(closed)        tells the gripper; must not wait for it
+    recover()           clears an error so that the arm can stream again; raises ArmError when it cannot
+    close()             leaves the arm at rest
+"""
+
+import time
+
+from genorm_ipc import Client, Gripper, NotConnected, Phase
+
+PERIOD_S = 0.004
+
+# A live controller sends a status every 100 ms.
+SILENCE_S = 1.0
+
+# A target farther than this from the measured joints is not sent: the arm would jump to it. The
+# controller's own limit for an arm that does not follow is 0.15 rad.
+JUMP_MAX_RAD = 0.2
+
+# Between two attempts to clear an error, so that a person can act.
+RECOVERY_PAUSE_S = 1.0
+
+
+class ArmError(Exception):
+    """The arm did not do what it was told."""
+
+    def __init__(self, text, code=1):
+        super().__init__(text)
+        self.code = code or 1
+
+
+class Bridge:
+    """One connection between a controller's port and an arm, period by period."""
+
+    def __init__(self, arm, port, clock=time.monotonic):
+        self.arm = arm
+        self.port = port
+        self.clock = clock
+        self.closed = None
+        self.sent_seq = 0
+        self.error = 0
+        self.last_recovery_s = float("-inf")
+
+    def turn(self, state):
+        """One period; `state` is the newest Phase of the controller, or None."""
+        q_rad, dq_rad_s, error_code = self.arm.read()
+        self.error = error_code or self.error
+        target = self.port.newest_target()
+        if self.error:
+            self._recover_when_stopped(state)
+        elif target is not None and target.seq != self.sent_seq:
+            self._follow(target, q_rad)
+        gripper = Gripper.CLOSED if self.closed else Gripper.OPEN
+        self.port.send_state(q_rad, dq_rad_s, self.error, gripper)
+
+    def _follow(self, target, q_rad):
+        farthest = max(abs(goal - now) for goal, now in zip(target.q_rad, q_rad))
+        self.sent_seq = target.seq
+        if farthest > JUMP_MAX_RAD:
+            # Left over from before the arm was moved by hand; the controller begins anew at the measured
+            # pose, or latches.
+            return
+        try:
+            self.arm.command(list(target.q_rad))
+            closed = target.gripper == Gripper.CLOSED
+            if closed != self.closed:
+                self.closed = closed
+                self.arm.grip(closed)
+        except ArmError as error:
+            print(f"bridge: {error}")
+            self.error = error.code
+
+    def _recover_when_stopped(self, state):
+        """An error is reported until the controller has latched it; only then is it cleared. Nothing moves
+        until a person resets the controller."""
+        now_s = self.clock()
+        if state is not Phase.FAULT or now_s - self.last_recovery_s < RECOVERY_PAUSE_S:
+            return
+        self.last_recovery_s = now_s
+        try:
+            self.arm.recover()
+        except ArmError as error:
+            print(f"bridge: {error}")
+            return
+        self.error = 0
+        # Targets from before the error are never sent.
+        target = self.port.newest_target()
+        self.sent_seq = target.seq if target is not None else 0
+        print("bridge: the arm is clear again; reset the controller to go on")
+
+
+def play(arm, client, seconds):
+    """Until the time is over or the controller falls silent; returns whether time is left."""
+    bridge = Bridge(arm, client.arm())
+    state, heard_s = None, time.monotonic()
+    start_s = next_s = time.monotonic()
+    while seconds is None or next_s - start_s < seconds:
+        while (status := client.next_status()) is not None:
+            state, heard_s = Phase(status.state), time.monotonic()
+        if time.monotonic() - heard_s > SILENCE_S:
+            return True
+        bridge.turn(state)
+        next_s = max(next_s + PERIOD_S, time.monotonic())
+        time.sleep(max(0.0, next_s - time.monotonic()))
+    return False
+
+
+def run(arm, instance="genorm", seconds=None):
+    """Bridges the arm to the controller; waits for one that is not there yet or was restarted."""
+    end_s = None if seconds is None else time.monotonic() + seconds
+    try:
+        while end_s is None or time.monotonic() < end_s:
+            try:
+                client = Client.connect(instance, patience_s=1.0)
+            except NotConnected as error:
+                if "no controller runs" not in str(error):
+                    raise
+                continue
+            left_s = None if end_s is None else end_s - time.monotonic()
+            if play(arm, client, left_s):
+                print("bridge: the controller fell silent; connecting again")
+    except KeyboardInterrupt:
+        pass
+    finally:
+        arm.close()

@@ -1,0 +1,194 @@
+"""The bridges without an arm: an XArmAPI that only pretends, and a controller's port that only notes.
+
+Needs CPython alone: `python3 test_bridges.py`.
+"""
+
+import contextlib
+import io
+import math
+import time
+import unittest
+import xml.etree.ElementTree as ElementTree
+
+import xarm7_mjcf
+from arm_bridge import RECOVERY_PAUSE_S, ArmError, Bridge
+from genorm_ipc import JOINTS, Gripper, JointTarget, Phase
+from xarm_bridge import GRIPPER_CLOSED, GRIPPER_OPEN, XArm
+
+
+class FakeXArmAPI:
+    """Answers like the vendor's SDK and notes what it was asked."""
+
+    def __init__(self):
+        self.calls = []
+        self.q_rad = list(xarm7_mjcf.LEVEL_POSTURE_RAD)
+        self.error_code = 0
+        self.clearable = True
+        self.answers = True
+
+    def __getattr__(self, name):
+        def call(*arguments, **options):
+            self.calls.append((name, arguments, options))
+            return 0
+
+        return call
+
+    def get_joint_states(self, is_radian=None, num=3):
+        return (0 if self.answers else -1), [self.q_rad + [], [0.0] * JOINTS]
+
+    def set_servo_angle_j(self, angles, is_radian=None):
+        self.calls.append(("set_servo_angle_j", tuple(angles), {"is_radian": is_radian}))
+        if self.error_code:
+            return 1
+        self.q_rad = list(angles)
+        return 0
+
+    def clean_error(self):
+        self.calls.append(("clean_error", (), {}))
+        if self.clearable:
+            self.error_code = 0
+        return 0
+
+    def asked(self, name):
+        return [call for call in self.calls if call[0] == name]
+
+
+class FakePort:
+    """The controller's side."""
+
+    def __init__(self):
+        self.target = None
+        self.states = []
+
+    def newest_target(self):
+        return self.target
+
+    def send_state(self, q_rad, dq_rad_s, error_code, gripper):
+        self.states.append((list(q_rad), error_code, gripper))
+
+    def next(self, q_rad, gripper=Gripper.OPEN):
+        seq = self.target.seq + 1 if self.target is not None else 1
+        self.target = JointTarget(seq=seq, gripper=gripper)
+        self.target.q_rad[:] = q_rad
+
+
+class WithFakes(unittest.TestCase):
+    def setUp(self):
+        self.api = FakeXArmAPI()
+        self.port = FakePort()
+        self.now_s = 100.0
+        self.arm = XArm(self.api)
+        self.bridge = Bridge(self.arm, self.port, clock=lambda: self.now_s)
+        self.addCleanup(self.arm.close)
+        silent = contextlib.redirect_stdout(io.StringIO())
+        silent.__enter__()
+        self.addCleanup(silent.__exit__, None, None, None)
+
+    def near(self, by_rad):
+        return [angle + by_rad for angle in self.api.q_rad]
+
+
+class Streaming(WithFakes):
+    def test_the_arm_is_made_ready_in_the_vendors_order(self):
+        names = [name for name, _, _ in self.api.calls]
+        order = ["clean_error", "clean_warn", "motion_enable", "set_mode", "set_state"]
+        self.assertEqual([name for name in names if name in order], order)
+        self.assertEqual(self.api.asked("set_mode")[0][1], (1,))
+
+    def test_each_target_is_sent_once_in_radians(self):
+        goal = self.near(0.01)
+        self.port.next(goal)
+        self.bridge.turn(Phase.IDLE)
+        self.bridge.turn(Phase.IDLE)
+        sent = self.api.asked("set_servo_angle_j")
+        self.assertEqual([(list(angles), options["is_radian"]) for _, angles, options in sent], [(goal, True)])
+        self.assertEqual(self.port.states[-1][0], goal)
+
+    def test_a_point_far_from_the_arm_is_never_sent(self):
+        self.port.next(self.near(0.5))
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(self.api.asked("set_servo_angle_j"), [])
+
+    def test_the_gripper_is_told_once_per_change_without_waiting(self):
+        for gripper in (Gripper.OPEN, Gripper.CLOSED, Gripper.CLOSED, Gripper.OPEN):
+            self.port.next(self.near(0.001), gripper)
+            self.bridge.turn(Phase.GRASP)
+            deadline = time.monotonic() + 5
+            while not self.arm.wishes.empty() and time.monotonic() < deadline:
+                time.sleep(0.001)
+        self.arm.close()
+        told = self.api.asked("set_gripper_position")
+        self.assertEqual([arguments[0] for _, arguments, _ in told], [GRIPPER_OPEN, GRIPPER_CLOSED, GRIPPER_OPEN])
+        self.assertTrue(all(options == {"wait": False} for _, _, options in told))
+
+
+class Errors(WithFakes):
+    def fail(self, code):
+        self.api.error_code = code
+        self.port.next(self.near(0.001))
+        self.bridge.turn(Phase.DRAG)
+
+    def test_an_error_is_reported_until_the_controller_has_latched_it(self):
+        self.fail(31)
+        for _ in range(5):
+            self.bridge.turn(Phase.STOPPING)
+        self.assertEqual({state[1] for state in self.port.states}, {31})
+        self.assertEqual(self.api.error_code, 31)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.api.error_code, 0)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.port.states[-1][1], 0)
+
+    def test_nothing_is_sent_from_an_error_until_a_new_target_comes(self):
+        self.fail(24)
+        sent = len(self.api.asked("set_servo_angle_j"))
+        self.port.next(self.near(0.002))
+        self.bridge.turn(Phase.STOPPING)
+        self.bridge.turn(Phase.FAULT)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), sent)
+        self.port.next(self.near(0.0))
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), sent + 1)
+
+    def test_an_error_that_stays_is_tried_again_after_a_pause(self):
+        self.api.clearable = False
+        self.fail(2)
+        before = len(self.api.asked("clean_error"))
+        self.bridge.turn(Phase.FAULT)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(len(self.api.asked("clean_error")), before + 1)
+        self.now_s += RECOVERY_PAUSE_S
+        self.api.clearable = True
+        self.bridge.turn(Phase.FAULT)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.port.states[-1][1], 0)
+
+    def test_no_pose_is_made_up_when_the_arm_does_not_answer(self):
+        self.api.answers = False
+        self.bridge.turn(Phase.IDLE)
+        self.assertNotEqual(self.port.states[-1][1], 0)
+
+    def test_an_arm_that_cannot_be_made_ready_is_refused(self):
+        self.api.clearable = False
+        self.api.error_code = 2
+        with self.assertRaises(ArmError):
+            XArm(self.api)
+
+
+class Model(unittest.TestCase):
+    def test_the_model_has_the_joints_and_ranges_of_the_table(self):
+        root = ElementTree.fromstring(xarm7_mjcf.mjcf())
+        joints = [joint for joint in root.iter("joint") if joint.get("type") is None]
+        self.assertEqual(len(joints), JOINTS)
+        ranges = [tuple(float(word) for word in joint.get("range").split()) for joint in joints]
+        self.assertEqual(ranges, xarm7_mjcf.RANGES_RAD)
+        self.assertTrue(all(body.get("gravcomp") == "1" for body in root.iter("body")))
+
+    def test_the_posture_lies_in_the_ranges(self):
+        for angle, (low, high) in zip(xarm7_mjcf.LEVEL_POSTURE_RAD, xarm7_mjcf.RANGES_RAD):
+            self.assertTrue(low < angle < high or math.isclose(angle, high))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,43 @@
+//! `offline verify`: the simulator against what is known exactly.
+
+use super::VerifyArguments;
+use anyhow::Context;
+use offline::plot::svg;
+use offline::run_files::write_whole;
+use offline::verify::{Extent, panels, random, table, verify};
+
+/// Runs the suite, prints its table, writes it with its plots, and fails when a case does.
+pub fn run(arguments: &VerifyArguments, json: bool) -> anyhow::Result<()> {
+    let extent = if arguments.quick {
+        Extent::Quick
+    } else {
+        Extent::Full
+    };
+    let mut report = verify(extent);
+    if arguments.random > 0 {
+        let outcomes = random::run(arguments.random, arguments.seed);
+        report.cases.extend(outcomes.cases());
+        report.random = Some(outcomes);
+    }
+    let text = serde_json::to_string_pretty(&report).context("a report can be written")?;
+    if let Some(out) = &arguments.out {
+        write_whole(&out.join("verify.json"), text.as_bytes())?;
+        write_whole(&out.join("verify.txt"), table(&report).as_bytes())?;
+        let plots = panels(&report.studies);
+        if !plots.is_empty() {
+            write_whole(&out.join("convergence.svg"), svg(&plots).as_bytes())?;
+        }
+    }
+    if json {
+        println!("{text}");
+    } else {
+        print!("{}", table(&report));
+    }
+    let failures = report.failures();
+    anyhow::ensure!(
+        failures == 0,
+        "{failures} of {} cases fail: see the lines that end in FAIL",
+        report.cases.len()
+    );
+    Ok(())
+}

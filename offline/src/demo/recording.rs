@@ -1,0 +1,339 @@
+//! Recordings of the controller as demonstrations: what the robot did during each swing, in the frame of
+//! the task, so that deployment feeds the next identification. The recording holds its policy file, which
+//! says where the task stands and what the rope measures; what cameras saw meanwhile can be added.
+
+use super::read::read_observations;
+use super::{ClampSample, Demo, DemoError, DemoSpec, MarkerSample, Observations};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use shared::arm::{self, FlangePose, Joints};
+use shared::blob::{self, Blob, RopeEntry, TaskFrame};
+use shared::messages::Phase;
+use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
+use std::path::Path;
+
+/// Standard deviation of the gripped end's place: joint encoders and a grip that is not exact, m.
+const GRIP_NOISE_M: f64 = 0.001;
+
+/// The gripped end is seen at about this rate where no cameras are given, Hz.
+const GRIP_RATE_HZ: f64 = 25.0;
+
+/// One demonstration for each goal of the recording `file` that reached its release: time zero is the
+/// start of the drag, the end is that of the retreat.
+///
+/// `seen` is a folder with `clouds.csv` or `markers.csv`, in the frame of the task, whose times are this
+/// machine's CLOCK_MONOTONIC in s, as the controller's are. Without it the only thing seen of the rope
+/// is its gripped end.
+///
+/// # Errors
+/// The file is no recording, no goal in it reached its release, or nothing was seen during one.
+pub fn recording(file: &Path, seen: Option<&Path>) -> Result<Vec<Demo>, DemoError> {
+    let bytes = std::fs::read(file).map_err(|e| DemoError::io(file, "reading", &e))?;
+    let run = Run::read(file, &bytes)?;
+    let seen = seen.map(read_observations).transpose()?;
+    let swings = run.swings();
+    if swings.is_empty() {
+        return Err(DemoError::new(
+            file,
+            "no goal in this recording reached its release",
+            "record a run in which a goal is served",
+        ));
+    }
+    let stem = file
+        .file_stem()
+        .map_or("recording".into(), |stem| stem.to_string_lossy());
+    let mut demos = Vec::new();
+    for (index, swing) in swings.iter().enumerate() {
+        let name = format!("{stem}-{}", index + 1);
+        demos.push(run.demo(file, swing, name, seen.as_ref())?);
+    }
+    Ok(demos)
+}
+
+/// A recording in memory.
+struct Run {
+    blob: Blob,
+    records: Vec<Record>,
+}
+
+/// What the robot did from the start of the drag to the end of the goal.
+struct Swing<'a> {
+    rope: &'a RopeEntry,
+    goal_x_m: f64,
+    records: &'a [Record],
+    begin_ns: u64,
+    release_ns: u64,
+}
+
+impl Run {
+    fn read(file: &Path, bytes: &[u8]) -> Result<Self, DemoError> {
+        let wrong = |problem: &str| {
+            DemoError::new(
+                file,
+                problem,
+                "give a file that `controller --record` of this version wrote",
+            )
+        };
+        let head = bytes.first_chunk::<HEADER_BYTES>().and_then(Header::from_bytes);
+        let header = head.ok_or_else(|| wrong("this is not a recording"))?;
+        let rest = &bytes[HEADER_BYTES..];
+        let policy_bytes = header.policy_bytes as usize;
+        if rest.len() < policy_bytes {
+            return Err(wrong("the recording ends within its policy file"));
+        }
+        let (policy, records) = rest.split_at(policy_bytes);
+        let blob = blob::parse(policy).map_err(|error| wrong(&format!("its policy file: {error}")))?;
+        // A last record that is cut off, as after a crash, is left out.
+        let (records, _) = records.as_chunks::<RECORD_BYTES>();
+        let records = records.iter().map(Record::from_bytes).collect();
+        Ok(Self { blob, records })
+    }
+
+    fn swings(&self) -> Vec<Swing<'_>> {
+        let serves = |record: &Record, goal_id: u64| {
+            let target = &record.target;
+            let dragged = target.phase >= Phase::Drag.code() && target.phase <= Phase::Retreat.code();
+            record.has(present::TARGET) && target.goal_id == goal_id && dragged
+        };
+        let mut swings = Vec::new();
+        for asked in self.records.iter().filter(|record| record.has(present::GOAL)) {
+            let (goal, serves) = (&asked.goal, |record: &Record| serves(record, asked.goal.id));
+            let first = self.records.iter().position(serves);
+            let last = self.records.iter().rposition(serves);
+            let (Some(first), Some(last), Some(rope)) =
+                (first, last, self.blob.ropes.get(goal.rope as usize))
+            else {
+                continue;
+            };
+            let records = &self.records[first..=last];
+            let is_release =
+                |record: &&Record| serves(record) && record.target.phase == Phase::Release.code();
+            if let Some(release) = records.iter().find(is_release) {
+                swings.push(Swing {
+                    rope,
+                    goal_x_m: goal.x_m,
+                    records,
+                    begin_ns: records[0].now_ns,
+                    release_ns: release.now_ns,
+                });
+            }
+        }
+        swings.sort_by_key(|swing| swing.begin_ns);
+        swings.dedup_by_key(|swing| swing.begin_ns);
+        swings
+    }
+
+    fn demo(
+        &self,
+        file: &Path,
+        swing: &Swing,
+        name: String,
+        seen: Option<&Observations>,
+    ) -> Result<Demo, DemoError> {
+        let commanded = swing.path(&self.blob.frame, |record| {
+            record
+                .has(present::TARGET)
+                .then_some((record.now_ns, record.target.q_rad))
+        });
+        let measured = swing.path(&self.blob.frame, |record| {
+            record
+                .has(present::ROBOT)
+                .then_some((record.robot.stamp_ns, record.robot.q_rad))
+        });
+        if measured.is_empty() {
+            return Err(DemoError::new(
+                file,
+                "the recording holds no measured joints",
+                "record a run with an arm, not a dry run",
+            ));
+        }
+        let observations = match seen {
+            Some(seen) => swing.during(file, seen)?,
+            None => swing.gripped_end(&measured),
+        };
+        let [top_x, top_z] = self.blob.task.top_m;
+        let top = ClampSample {
+            t_s: 0.0,
+            position_m: [top_x, 0.0, top_z],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            closed: true,
+        };
+        Ok(Demo {
+            spec: self.spec(file, swing, seen.is_some())?,
+            clamps: vec![vec![top], measured],
+            commanded: vec![None, Some(commanded)],
+            observations,
+            name,
+        })
+    }
+
+    fn spec(&self, file: &Path, swing: &Swing, with_cameras: bool) -> Result<DemoSpec, DemoError> {
+        let rope = swing.rope;
+        let what = if with_cameras {
+            "Seen by cameras."
+        } else {
+            "No camera was given: only the gripped end is seen, which says nothing of the stiffness."
+        };
+        let grip_m = self.blob.task.grip_m;
+        let text = format!(
+            "format = \"{}\"\nscene = \"swing\"\nnoise_m = {GRIP_NOISE_M}\n\
+             notes = \"Swing of rope '{}' for the goal x = {} m, recorded by the controller. {what}\"\n\
+             [rope]\nlength_m = {}\ndiameter_m = {}\nmass_kg = {}\ndirection = [0.0, 0.0, -1.0]\n\
+             [table]\nheight_m = 0.0\n\
+             [[clamps]]\nend = \"start\"\ngrip_m = {grip_m}\n[[clamps]]\nend = \"end\"\ngrip_m = {grip_m}\n",
+            super::FORMAT,
+            rope.name,
+            swing.goal_x_m,
+            rope.length_m,
+            rope.diameter_m,
+            rope.mass_kg,
+        );
+        // As text, because a demonstration is what its file says.
+        toml::from_str(&text).map_err(|error| {
+            DemoError::new(
+                file,
+                error.message(),
+                "give a recording whose policy file names its rope plainly",
+            )
+        })
+    }
+}
+
+impl Swing<'_> {
+    /// Seconds since the start of the drag; `None` for what lies before.
+    fn seconds(&self, stamp_ns: u64) -> Option<f64> {
+        stamp_ns.checked_sub(self.begin_ns).map(|ns| ns as f64 * 1e-9)
+    }
+
+    fn end_s(&self) -> f64 {
+        let last = self.records.last().map_or(self.begin_ns, |record| record.now_ns);
+        (last - self.begin_ns) as f64 * 1e-9
+    }
+
+    /// The gripped end along joint angles that `joints` finds in the records.
+    fn path(&self, frame: &TaskFrame, joints: impl Fn(&Record) -> Option<(u64, Joints)>) -> Vec<ClampSample> {
+        let mut path: Vec<ClampSample> = Vec::new();
+        for (stamp_ns, q_rad) in self.records.iter().filter_map(joints) {
+            let Some(t_s) = self.seconds(stamp_ns) else {
+                continue;
+            };
+            // The newest state of the arm may stand in more than one cycle.
+            if path.last().is_some_and(|last| last.t_s >= t_s) {
+                continue;
+            }
+            let (position_m, quaternion_xyzw) = in_task(frame, &arm::flange(&q_rad));
+            path.push(ClampSample {
+                t_s,
+                position_m,
+                quaternion_xyzw,
+                closed: stamp_ns < self.release_ns,
+            });
+        }
+        path
+    }
+
+    /// Where the gripper held the rope's end.
+    fn gripped_end(&self, measured: &[ClampSample]) -> Observations {
+        let mut samples: Vec<MarkerSample> = Vec::new();
+        for sample in measured.iter().filter(|sample| sample.closed) {
+            let due = samples
+                .last()
+                .is_none_or(|last| sample.t_s >= last.t_s + 1.0 / GRIP_RATE_HZ);
+            if due {
+                samples.push(MarkerSample {
+                    t_s: sample.t_s,
+                    marker: "gripped-end".to_string(),
+                    s_m: self.rope.length_m,
+                    position_m: sample.position_m,
+                });
+            }
+        }
+        Observations::Markers(samples)
+    }
+
+    /// What was seen during the swing, on its clock.
+    fn during(&self, file: &Path, seen: &Observations) -> Result<Observations, DemoError> {
+        let begin_s = self.begin_ns as f64 * 1e-9;
+        let inside = |t_s: f64| (0.0..=self.end_s()).contains(&(t_s - begin_s));
+        let (found, empty) = match seen {
+            Observations::Clouds(frames) => {
+                let mut frames = frames.clone();
+                frames.retain(|frame| inside(frame.t_s));
+                frames.iter_mut().for_each(|frame| frame.t_s -= begin_s);
+                let empty = frames.is_empty();
+                (Observations::Clouds(frames), empty)
+            }
+            Observations::Markers(samples) => {
+                let mut samples = samples.clone();
+                samples.retain(|sample| inside(sample.t_s));
+                samples.iter_mut().for_each(|sample| sample.t_s -= begin_s);
+                let empty = samples.is_empty();
+                (Observations::Markers(samples), empty)
+            }
+        };
+        if empty {
+            let problem = format!(
+                "nothing was seen from {begin_s:.3} s to {:.3} s of CLOCK_MONOTONIC",
+                begin_s + self.end_s()
+            );
+            let remedy = "give the times of clouds.csv or markers.csv on that clock, as the controller's are";
+            return Err(DemoError::new(file, problem, remedy));
+        }
+        Ok(found)
+    }
+}
+
+/// A flange pose as position and orientation in the frame of the task; the level tool is the identity.
+fn in_task(frame: &TaskFrame, pose: &FlangePose) -> ([f64; 3], [f64; 4]) {
+    let back = Rotation3::from_axis_angle(&Vector3::z_axis(), -frame.yaw_rad);
+    let position_m = back * (pose.position_m - Vector3::from(frame.origin_m));
+    let level = FlangePose::level([0.0; 3], 0.0).rotation;
+    let turn = Rotation3::from_matrix_unchecked(back.matrix() * pose.rotation * level.transpose());
+    let quaternion = UnitQuaternion::from_rotation_matrix(&turn);
+    (position_m.into(), quaternion.coords.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_task_frame_is_undone() {
+        let frame = TaskFrame {
+            origin_m: [0.3, -0.1, 0.12],
+            yaw_rad: 0.7,
+        };
+        let pose = FlangePose::level(frame.flange_m([0.1, 0.2]), frame.yaw_rad);
+        let (position_m, quaternion_xyzw) = in_task(&frame, &pose);
+        for (found, expected) in position_m.iter().zip([0.1, 0.0, 0.2]) {
+            assert!((found - expected).abs() < 1e-12, "{position_m:?}");
+        }
+        for (found, expected) in quaternion_xyzw.iter().zip([0.0, 0.0, 0.0, 1.0]) {
+            assert!((found - expected).abs() < 1e-12, "{quaternion_xyzw:?}");
+        }
+    }
+
+    #[test]
+    fn other_files_are_refused_in_one_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.rec");
+        for bytes in [&b"GENREC1\n"[..], b"", &[0; 100]] {
+            std::fs::write(&file, bytes).unwrap();
+            let error = recording(&file, None).unwrap_err().to_string();
+            assert!(
+                error.contains("run.rec") && error.contains("not a recording"),
+                "{error}"
+            );
+        }
+        let header = Header {
+            cycle_ns: 4_000_000,
+            cycles_per_target: 1,
+            degraded: 0,
+            silent_cycles_max: 50,
+            gripper_lead_ns: 0,
+            policy_bytes: 100,
+        };
+        std::fs::write(&file, header.to_bytes()).unwrap();
+        let error = recording(&file, None).unwrap_err().to_string();
+        assert!(error.contains("within its policy file"), "{error}");
+    }
+}
