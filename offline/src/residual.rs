@@ -131,3 +131,56 @@ pub fn noise_scale(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>
     }
     (expected > 0.0).then(|| (seen / expected).sqrt())
 }
+
+/// A fitted rope that misses what was seen by more than this share of its length has explained
+/// nothing: no missing effect of the library moves a rope so far, but a wrong scale or axis does.
+const MISFIT_SHARE: f64 = 0.1;
+
+/// What a fit says of demonstrations that no rope can have made, one line each.
+pub fn misfits(demos: &[&Demo], evaluation: &Evaluation) -> Vec<String> {
+    let mut found = Vec::new();
+    for (demo, rows) in demos.iter().zip(&evaluation.rows) {
+        let square: f64 = rows.iter().map(|r| r.offset_m * r.offset_m).sum();
+        let rms_m = (square / rows.len().max(1) as f64).sqrt();
+        let share = rms_m / demo.spec.rope.length_m;
+        if share > MISFIT_SHARE {
+            found.push(format!(
+                "{}: the fitted rope misses what was seen by {:.0} mm, {:.0} % of its length; do not believe its \
+                 parameters, but look for swapped axes, a wrong scale, wrong clocks or a wrong clamp path",
+                demo.name,
+                1e3 * rms_m,
+                100.0 * share
+            ));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+    use std::path::Path;
+
+    #[test]
+    fn a_fit_that_misses_by_a_tenth_of_the_rope_is_named_and_a_good_one_is_not() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+        let demo = Demo::load(dir).unwrap();
+        let evaluation = |offset_m: f64| Evaluation {
+            theta: vec![0.0, 0.3],
+            rows: vec![vec![Row {
+                frame: 0,
+                station: 0,
+                arc_m: 0.0,
+                position_m: [0.0; 3],
+                direction: [1.0, 0.0, 0.0],
+                offset_m,
+                sigma_m: 0.001,
+            }]],
+            jacobian: DMatrix::zeros(0, 0),
+        };
+        assert!(misfits(&[&demo], &evaluation(0.02)).is_empty());
+        let found = misfits(&[&demo], &evaluation(0.05));
+        assert!(found.len() == 1 && found[0].contains("swapped axes"), "{found:?}");
+    }
+}

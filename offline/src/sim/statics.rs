@@ -114,8 +114,13 @@ impl<'a, T: Real> Statics<'a, T> {
             .max()
             .unwrap_or(0);
         // A pin ties two neighbouring slices, which may reach one plane further.
-        let planes = along.len() as f64 * scene.grid.spacing_m / scene.rope.length_m;
-        statics.band = 3 * (widest + planes.ceil() as usize) + 2;
+        let pinned = scene
+            .start
+            .hang()
+            .is_some_and(|hang| hang.poses.iter().any(|pose| !pose.pins.is_empty()));
+        let plane = along.len() as f64 * scene.grid.spacing_m / scene.rope.length_m;
+        let further = if pinned { plane.ceil() as usize } else { 0 };
+        statics.band = 3 * (widest + further) + 2;
         statics
     }
 

@@ -1,6 +1,7 @@
 //! A recording as `ros2 bag record` writes it (MCAP, messages in CDR): clouds, and the clamp as a pose
 //! or as the joints of the arm that holds it.
 
+use super::make_continuous;
 use crate::demo::export::{EPOCH_KEY, SPEC_NAME};
 use crate::demo::ros::{
     self, Bool, FLOAT32, FLOAT64, Header, JointState, Message, PointCloud2, PointField, PoseStamped,
@@ -55,17 +56,7 @@ pub fn mcap(
         recording.same_frame(&clouds[0].message.header, &poses[0].message.header)?;
         clamps.push(poses.iter().map(of_pose).collect());
     }
-    for path in &mut clamps {
-        let mut before = path[0].quaternion_xyzw;
-        for sample in path.iter_mut() {
-            let dot: f64 = (0..4).map(|k| before[k] * sample.quaternion_xyzw[k]).sum();
-            // q and -q are one orientation, but interpolation between them would turn once around.
-            if dot < 0.0 {
-                sample.quaternion_xyzw = sample.quaternion_xyzw.map(|c| -c);
-            }
-            before = sample.quaternion_xyzw;
-        }
-    }
+    clamps.iter_mut().for_each(|path| make_continuous(path));
     for (path, topic) in clamps.iter_mut().zip(&topics.closed) {
         let states: Vec<Stamped<Bool>> = recording.messages(topic)?;
         for sample in path {

@@ -15,7 +15,7 @@ pub use pac_cables::pac_cables;
 pub use wires::wires;
 
 use super::{ClampSample, RopeMeasure};
-use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 /// A rope of which nothing but its length is known gets this density, kg/m³, marked as assumed.
 const ASSUMED_DENSITY_KG_M3: f64 = 1000.0;
@@ -72,12 +72,45 @@ impl Follower {
     }
 }
 
-/// A quaternion on the same half of the sphere as `before`, so that interpolation between them does
-/// not go the long way round.
-fn near(turn: Turn, before: Turn) -> Turn {
-    if turn.coords.dot(&before.coords) < 0.0 {
-        Unit::new_unchecked(Quaternion::from(-turn.coords))
-    } else {
-        turn
+/// Takes of each orientation the quaternion, q or -q, that is nearer to the one before: interpolation
+/// between neighbours then never turns the long way round.
+fn make_continuous(path: &mut [ClampSample]) {
+    for k in 1..path.len() {
+        let (before, now) = (path[k - 1].quaternion_xyzw, path[k].quaternion_xyzw);
+        if (0..4).map(|c| before[c] * now[c]).sum::<f64>() < 0.0 {
+            path[k].quaternion_xyzw = now.map(|c| -c);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quaternion_that_changes_its_sign_is_turned_back() {
+        let mut path: Vec<ClampSample> = [0.1, 0.2, 0.3]
+            .map(|angle| {
+                let turn = Turn::from_axis_angle(&Vector3::z_axis(), angle);
+                sample(angle, Vector3::zeros(), 0.0, Vector3::x(), turn)
+            })
+            .to_vec();
+        let good = path.clone();
+        path[1].quaternion_xyzw = path[1].quaternion_xyzw.map(|c| -c);
+        make_continuous(&mut path);
+        assert_eq!(path, good);
+    }
+
+    /// A direction that goes around once comes back without roll if it stays in a plane.
+    #[test]
+    fn a_followed_direction_is_reached_by_the_turn() {
+        let mut follower = Follower::new(Vector3::x());
+        for k in 1..=90 {
+            let angle = f64::from(k) * std::f64::consts::TAU / 90.0;
+            let direction = Vector3::new(angle.cos(), 0.0, angle.sin());
+            let turn = follower.follow(direction);
+            assert!((turn * Vector3::x() - direction).norm() < 1e-9);
+            assert!((turn * Vector3::y() - Vector3::y()).norm() < 1e-9);
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! `noodle`: a foam cylinder moved by an arm at one end (PRB_Net; Mamedov et al., arXiv 2407.03476).
 
 use super::npy::Array;
-use super::{MASS_AND_DIAMETER, Turn, near, sample, stride};
+use super::{MASS_AND_DIAMETER, Turn, make_continuous, sample, stride};
 use crate::demo::table::Table;
 use crate::demo::{
     ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
@@ -53,18 +53,13 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
     }
     let stride = stride(RECORDED_HZ, rate_hz);
     let (mut clamp, mut markers) = (Vec::new(), Vec::new());
-    let mut before = Turn::identity();
     for frame in 0..array.shape[0] {
         let row = array.row(frame);
         let vector = |k: usize| Vector3::new(row[k], row[k + 1], row[k + 2]).cast::<f64>();
         let t_s = f64::from(row[0]);
         // Euler angles in the order z, y, x: R = Rz Ry Rx.
         let angles = vector(4);
-        let turn = near(
-            UnitQuaternion::from_euler_angles(angles[2], angles[1], angles[0]),
-            before,
-        );
-        before = turn;
+        let turn = UnitQuaternion::from_euler_angles(angles[2], angles[1], angles[0]);
         clamp.push(sample(t_s, vector(1), GRIP_M, turn * Vector3::x(), turn));
         if frame % stride == 0 {
             markers.extend(MARKERS.map(|(label, s_m, column)| MarkerSample {
@@ -75,6 +70,7 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
             }));
         }
     }
+    make_continuous(&mut clamp);
     let length_m = GRIP_M + FREE_M;
     let direction = turn_of(&clamp[0].quaternion_xyzw) * Vector3::x();
     let name = file.trim_end_matches(".npy").to_owned();
