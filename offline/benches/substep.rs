@@ -8,7 +8,7 @@ use offline::demo::RopeEnd;
 use offline::sim::clamp::ClampPath;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, PAPER_CELLS_PER_DIAMETER, Scene, Table};
-use offline::sim::{Dual, Physics, Real, simulate};
+use offline::sim::{Dual, Laned, Physics, simulate};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -50,7 +50,7 @@ fn lift() -> Scene {
 }
 
 /// Time for `wanted` steps of one particle, from as many whole rollouts as that takes.
-fn particle_steps<T: Real>(scene: &Scene, physics: &Physics<T>, wanted: u64) -> Duration {
+fn particle_steps<T: Laned>(scene: &Scene, physics: &Physics<T>, wanted: u64) -> Duration {
     let particles = scene.layout().particles() as u64;
     let start = Instant::now();
     let mut done = 0;
@@ -63,7 +63,7 @@ fn particle_steps<T: Real>(scene: &Scene, physics: &Physics<T>, wanted: u64) -> 
 }
 
 /// Measures one number type; returns the least ns per particle and step that was seen.
-fn measure<T: Real>(criterion: &mut Criterion, name: &str, scene: &Scene, physics: &Physics<T>) -> f64 {
+fn measure<T: Laned>(criterion: &mut Criterion, name: &str, scene: &Scene, physics: &Physics<T>) -> f64 {
     let mut least_ns = f64::INFINITY;
     criterion.bench_function(name, |bencher| {
         bencher.iter_custom(|wanted| {

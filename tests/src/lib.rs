@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod contact;
+pub mod derivatives;
 pub mod dynamics;
 pub mod effects;
 pub mod elastica;

@@ -2,48 +2,18 @@
 //! its slopes, it does not know the frame of the world, and dissipation only takes.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use offline::demo::RopeEnd;
 use offline::effects::{self, ALL};
-use offline::sim::clamp::{ClampPath, Knot};
 use offline::sim::physics::{ForcePoint, StressPoint};
-use offline::sim::rope::RopeShape;
-use offline::sim::scene::{Grip, Scene, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, simulate};
 use offline::verify::{Stepper, matrix, rows};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use tests::derivatives::{Slope, lift, slope};
 
 /// Most parameters that an effect has.
 const MOST: usize = 3;
 /// Effects that only take energy.
 const DISSIPATIVE: [&str; 2] = ["air_drag", "internal_damping"];
-
-fn shape() -> RopeShape {
-    let (length_m, diameter_m) = (0.16f64, 0.014f64);
-    RopeShape {
-        length_m,
-        diameter_m,
-        mass_kg: 1000.0 * std::f64::consts::FRAC_PI_4 * diameter_m.powi(2) * length_m,
-    }
-}
-
-/// A quick lift of one end off the table, a part of the rope still sliding on it.
-fn lift() -> Scene {
-    let knot = |t_s: f64, x: f64, z: f64| Knot {
-        t_s,
-        pose: [x, 0.0, z, 0.0, 0.0, 0.0, 1.0],
-        rate: [0.0; 7],
-        closed: true,
-    };
-    let grips = vec![Grip {
-        end: RopeEnd::Start,
-        length_m: 0.02,
-        path: ClampPath::new(vec![knot(0.0, 0.0, 0.0), knot(0.2, 0.02, 0.04)]),
-    }];
-    let table = Some(Table { height_m: -0.007 });
-    let times = vec![0.06, 0.12, 0.18, 0.24];
-    Scene::new(shape(), [0.0; 3], [1.0, 0.0, 0.0], grips, table, 1.5, times).unwrap()
-}
 
 /// A rope that steps at the speed bound, so that no parameter of an effect changes the step.
 fn base<T: Real>() -> Physics<T> {
@@ -128,28 +98,12 @@ fn tangents_are_slopes_for_every_parameter() {
             // Tangential drag moves the rope by micrometres per unit: differences much
             // smaller drown in rounding, larger ones in steps between sliding and sticking.
             let h = 1e-4 * parameter.smallest_of_interest;
-            let shifted = |sign: f64| {
+            let sides = [-1.0, 1.0].map(|sign| {
                 let mut moved = values.clone();
                 moved[k] += sign * h;
                 simulate(&scene, &with_effect(effect, &moved)).unwrap()
-            };
-            let (plus, minus) = (shifted(1.0), shifted(-1.0));
-            assert!(
-                plus.dt_s == minus.dt_s,
-                "the step must not depend on {}",
-                parameter.name
-            );
-            let (mut wrong, mut size) = (0.0, 0.0);
-            for (f, frame) in dual.frames.iter().enumerate() {
-                for (p, point) in frame.iter().enumerate() {
-                    for c in 0..3 {
-                        let slope = (plus.frames[f][p][c] - minus.frames[f][p][c]) / (2.0 * h);
-                        wrong += (point[c].tangent[k] - slope).powi(2);
-                        size += slope * slope;
-                    }
-                }
-            }
-            let error = (wrong / size).sqrt();
+            });
+            let Slope { size, error } = slope((&dual, k), 0..dual.frames.len(), &sides, h);
             println!("{}.{}: relative error {error:.2e}", spec.id, parameter.name);
             assert!(
                 size > 0.0 && error < 1e-3,

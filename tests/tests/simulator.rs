@@ -2,10 +2,12 @@
 //! central differences.
 
 use offline::sim::clamp::ClampPath;
-use offline::sim::{Dual, Physics, Real, Rollout, simulate};
+use offline::sim::lanes::Laned;
+use offline::sim::{Dual, Physics, Rollout, simulate};
 use offline::verify::misses::MISSES;
 use offline::verify::setup::{SOFT_PA, knot, rope, scene, start_grip};
 use offline::verify::{Extent, random, table, verify};
+use tests::derivatives::{Slope, slope};
 
 /// Whatever misses its tolerance is on the list of known misses, with its cause, and nothing on that list
 /// has been mended without being taken off.
@@ -43,7 +45,7 @@ fn random_scenes_run_or_are_refused_by_name() {
 }
 
 /// A lift off the table with a part that still lies there at the end, at θ = (ln E, ν, friction).
-fn lift_at<T: Real>(theta: [T; 3]) -> Rollout<T> {
+fn lift_at<T: Laned>(theta: [T; 3]) -> Rollout<T> {
     let path = ClampPath::new(vec![
         knot(0.0, [0.0; 3], [0.0; 3], true),
         knot(0.3, [0.02, 0.0, 0.05], [0.0; 3], true),
@@ -63,31 +65,13 @@ fn tangents_are_the_slopes_of_a_lift() {
     let dual = lift_at::<Dual<f64, 3>>(std::array::from_fn(|k| Dual::input(theta[k], k)));
     for k in 0..3 {
         let h = 1e-6;
-        let shifted = |sign: f64| {
+        let sides = [-1.0, 1.0].map(|sign| {
             let mut moved = theta;
             moved[k] += sign * h;
             lift_at(moved)
-        };
-        let (plus, minus) = (shifted(1.0), shifted(-1.0));
-        assert!(
-            plus.dt_s == minus.dt_s,
-            "the step must not depend on the parameter"
-        );
-        let (mut wrong, mut size) = (0.0, 0.0);
-        for (f, frame) in dual.frames.iter().enumerate() {
-            for (p, point) in frame.iter().enumerate() {
-                for c in 0..3 {
-                    let slope = (plus.frames[f][p][c] - minus.frames[f][p][c]) / (2.0 * h);
-                    wrong += (point[c].tangent[k] - slope).powi(2);
-                    size += slope * slope;
-                }
-            }
-        }
-        let error = (wrong / size).sqrt();
-        println!(
-            "tangent {k}: size {:.2e} m, relative error {error:.2e}",
-            size.sqrt()
-        );
+        });
+        let Slope { size, error } = slope((&dual, k), 0..dual.frames.len(), &sides, h);
+        println!("tangent {k}: size {size:.2e} m, relative error {error:.2e}");
         assert!(size > 0.0 && error < 1e-4, "tangent {k}: {error:.2e}");
     }
 }

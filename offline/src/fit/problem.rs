@@ -5,7 +5,7 @@ use crate::model::Structure;
 use crate::observe::{Centreline, Row, bracket, measure};
 use crate::sim::dual::{Dual, Float};
 use crate::sim::tensor::value3;
-use crate::sim::{Real, Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Real, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -168,7 +168,10 @@ impl<'a> Problem<'a> {
         &self,
         structure: &Structure,
         theta: &[f64],
-    ) -> Result<Evaluation, FitError> {
+    ) -> Result<Evaluation, FitError>
+    where
+        Dual<F, N>: Laned,
+    {
         let dual: Vec<Dual<F, N>> = theta
             .iter()
             .enumerate()
@@ -202,7 +205,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Simulates every demonstration and measures it against the prediction.
-    fn run<T: Real>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
+    fn run<T: Laned>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Measured<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
             .map(|d| {
@@ -254,7 +257,11 @@ impl<'a> Problem<'a> {
         self.simulate_all(structure, &single(theta))
     }
 
-    fn simulate_all<T: Real>(&self, structure: &Structure, theta: &[T]) -> Result<Vec<Rollout<T>>, FitError> {
+    fn simulate_all<T: Laned>(
+        &self,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Vec<Rollout<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
             .map(|d| {

@@ -102,44 +102,181 @@ impl ClampPath {
         self.knots.partition_point(|k| k.t_s <= t_s).saturating_sub(1)
     }
 
-    /// Pose at a time that may carry tangents.
-    pub fn pose<T: Real>(&self, t_s: T) -> Pose<T> {
+    /// Where a time lies between the knots.
+    pub fn span<T: Real>(&self, t_s: T) -> Span<T> {
         let i = self.interval(t_s.value());
         let a = &self.knots[i];
         let (before, after) = (t_s.value() < a.t_s, i + 1 == self.knots.len());
         if before || after && a.closed {
-            return a.pose.map(T::of);
+            return Span::At(i);
         }
         if after {
-            let since = t_s - T::of(a.t_s);
-            return std::array::from_fn(|k| T::of(a.pose[k]) + since.scale(a.rate[k]));
+            return Span::Beyond(i, t_s - T::of(a.t_s));
         }
-        let b = &self.knots[i + 1];
-        let h = b.t_s - a.t_s;
+        let h = self.knots[i + 1].t_s - a.t_s;
         let u = (t_s - T::of(a.t_s)).scale(1.0 / h);
         let (u2, u3) = (u * u, u * u * u);
-        let along = u2.scale(3.0) - u3.scale(2.0);
-        let start_rate = (u3 - u2.scale(2.0) + u).scale(h);
-        let end_rate = (u3 - u2).scale(h);
+        Span::After(
+            i,
+            Hermite {
+                along: u2.scale(3.0) - u3.scale(2.0),
+                start_rate: (u3 - u2.scale(2.0) + u).scale(h),
+                end_rate: (u3 - u2).scale(h),
+            },
+        )
+    }
+
+    /// Pose at a time that may carry tangents.
+    pub fn pose<T: Real>(&self, t_s: T) -> Pose<T> {
+        let (i, w) = match self.span(t_s) {
+            Span::At(i) => return self.knots[i].pose.map(T::of),
+            Span::Beyond(i, since) => {
+                let a = &self.knots[i];
+                return std::array::from_fn(|k| T::of(a.pose[k]) + since.scale(a.rate[k]));
+            }
+            Span::After(i, w) => (i, w),
+        };
+        let (a, b) = (&self.knots[i], &self.knots[i + 1]);
         std::array::from_fn(|k| {
             T::of(a.pose[k])
-                + along.scale(b.pose[k] - a.pose[k])
-                + start_rate.scale(a.rate[k])
-                + end_rate.scale(b.rate[k])
+                + w.along.scale(b.pose[k] - a.pose[k])
+                + w.start_rate.scale(a.rate[k])
+                + w.end_rate.scale(b.rate[k])
         })
     }
 
-    /// Pose where the clamp really is: the recorded pose and what the laws add to it.
-    pub fn real_pose<T: Real>(&self, laws: &[Box<dyn PathLaw<T>>], t_s: f64) -> Pose<T> {
-        let t = T::of(t_s);
-        let mut pose = self.pose(t);
-        for law in laws {
-            let offset = law.offset(&|time| self.pose(time), t);
-            for k in 0..7 {
-                pose[k] += offset[k];
+    /// Pose of the path with its knots moved by a shift.
+    pub fn shifted_pose<T: Real>(&self, shift: &PathShift<T>, t_s: T) -> Pose<T> {
+        let pose = self.pose(t_s);
+        let (i, w) = match self.span(t_s) {
+            Span::At(i) => return std::array::from_fn(|k| pose[k] + shift.knots[i].pose[k]),
+            Span::Beyond(i, since) => {
+                let by = &shift.knots[i];
+                return std::array::from_fn(|k| pose[k] + by.pose[k] + since * by.rate[k]);
             }
+            Span::After(i, w) => (i, w),
+        };
+        let (a, b) = (&shift.knots[i], &shift.knots[i + 1]);
+        std::array::from_fn(|k| {
+            pose[k]
+                + a.pose[k]
+                + w.along * (b.pose[k] - a.pose[k])
+                + w.start_rate * a.rate[k]
+                + w.end_rate * b.rate[k]
+        })
+    }
+
+    /// The same path with the values of a shift added to its knots.
+    pub fn moved<T: Real>(&self, shift: &PathShift<T>) -> Self {
+        let moved = |knot: &Knot, by: &KnotShift<T>| Knot {
+            pose: std::array::from_fn(|k| knot.pose[k] + by.pose[k].value()),
+            rate: std::array::from_fn(|k| knot.rate[k] + by.rate[k].value()),
+            ..*knot
+        };
+        Self::new(
+            self.knots
+                .iter()
+                .zip(&shift.knots)
+                .map(|(a, b)| moved(a, b))
+                .collect(),
+        )
+    }
+
+    /// How each knot follows when the end of a straight path is moved and the timing stays: the share
+    /// s of the way done at the knot, and its rate, 1/s. Zero on a path of no length.
+    pub fn shares_of_end(&self) -> Vec<[f64; 2]> {
+        let (first, last) = (&self.knots[0].pose, &self.knots[self.knots.len() - 1].pose);
+        let way: [f64; 3] = std::array::from_fn(|k| last[k] - first[k]);
+        let square: f64 = way.iter().map(|c| c * c).sum();
+        let share = |v: [f64; 3]| {
+            let along: f64 = v.iter().zip(&way).map(|(a, b)| a * b).sum();
+            if square > 0.0 { along / square } else { 0.0 }
+        };
+        self.knots
+            .iter()
+            .map(|knot| {
+                let done = std::array::from_fn(|k| knot.pose[k] - first[k]);
+                [share(done), share([knot.rate[0], knot.rate[1], knot.rate[2]])]
+            })
+            .collect()
+    }
+}
+
+/// Pose where the clamp really is at time `t_s`: the recorded pose, and what the laws add to it.
+fn real_pose<T: Real>(recorded: &dyn Fn(T) -> Pose<T>, laws: &[Box<dyn PathLaw<T>>], t_s: f64) -> Pose<T> {
+    let t = T::of(t_s);
+    let mut pose = recorded(t);
+    for law in laws {
+        let offset = law.offset(recorded, t);
+        for k in 0..7 {
+            pose[k] += offset[k];
         }
-        pose
+    }
+    pose
+}
+
+/// Where a time lies between the knots of a path.
+pub enum Span<T> {
+    /// Beyond the ends: the path stands still at this knot.
+    At(usize),
+    /// This long after the last knot, s, and open: the path goes on at that knot's rate.
+    Beyond(usize, T),
+    /// Between this knot and the next.
+    After(usize, Hermite<T>),
+}
+
+/// Weights of cubic Hermite interpolation between two knots.
+pub struct Hermite<T> {
+    /// Weight of the second pose; the first has the rest to one.
+    pub along: T,
+    /// Weight of the first rate, s.
+    pub start_rate: T,
+    /// Weight of the second rate, s.
+    pub end_rate: T,
+}
+
+/// A change of one knot of a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnotShift<T> {
+    /// Of its pose.
+    pub pose: Pose<T>,
+    /// Of its rate, 1/s.
+    pub rate: Pose<T>,
+}
+
+/// A change of the path of one grip, knot by knot: how derivatives with respect to a path enter. The
+/// simulation is the one of the scene with that path, the rope's own start unchanged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathShift<T> {
+    /// Which grip of the scene.
+    pub grip: usize,
+    /// One per knot of its path.
+    pub knots: Vec<KnotShift<T>>,
+}
+
+impl<T: Real> PathShift<T> {
+    /// The end of a straight path (the release point of a swing) moved by `by_m` while the timing
+    /// stays: every knot moves by its share of the way.
+    pub fn of_end(grip: usize, path: &ClampPath, by_m: Vec3<T>) -> Self {
+        let [x, y, z] = by_m;
+        let zero = T::zero();
+        let moved = |share: f64| {
+            [
+                x.scale(share),
+                y.scale(share),
+                z.scale(share),
+                zero,
+                zero,
+                zero,
+                zero,
+            ]
+        };
+        let shift = |[pose, rate]: [f64; 2]| KnotShift {
+            pose: moved(pose),
+            rate: moved(rate),
+        };
+        let knots = path.shares_of_end().into_iter().map(shift).collect();
+        Self { grip, knots }
     }
 }
 
@@ -156,23 +293,36 @@ fn end_slope(samples: &[(f64, Pose<f64>, bool)], k: usize) -> f64 {
 /// Rigid motion of a clamp relative to its first pose.
 #[derive(Clone, Copy, Debug)]
 pub struct RigidMotion<T> {
-    position_m: Vec3<T>,
-    rotation: Mat3<T>,
+    /// Position of the clamp, m.
+    pub position_m: Vec3<T>,
+    /// Rotation since the first pose.
+    pub rotation: Mat3<T>,
 }
 
 impl<T: Real> RigidMotion<T> {
-    /// The motion from pose `first` to pose `now`; quaternions are normalised here.
-    pub fn between(first: &Pose<f64>, now: &Pose<T>) -> Self {
-        let unit = |q: [T; 4]| {
+    /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the laws. `first` is its
+    /// first pose; offsets of [`Self::place`] are measured from the position `held_m` which that
+    /// pose has without tangents and shifts. Quaternions are normalised here.
+    pub fn at(
+        recorded: &dyn Fn(T) -> Pose<T>,
+        first: &Pose<T>,
+        held_m: [f64; 3],
+        laws: &[Box<dyn PathLaw<T>>],
+        t_s: f64,
+    ) -> Self {
+        let now = real_pose(recorded, laws, t_s);
+        let unit = |pose: &Pose<T>| {
+            let q = [pose[3], pose[4], pose[5], pose[6]];
             let square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
             let inverse = T::one() / square.sqrt();
             q.map(|c| c * inverse)
         };
-        let start = unit([first[3], first[4], first[5], first[6]].map(T::of));
-        let end = unit([now[3], now[4], now[5], now[6]]);
+        let [start, end] = [first, &now].map(|pose| rotation_of_quaternion(unit(pose)));
+        let rotation = matmul_transposed(&end, &start);
+        let moved = std::array::from_fn(|k| first[k] - T::of(held_m[k]));
         Self {
-            position_m: [now[0], now[1], now[2]],
-            rotation: matmul_transposed(&rotation_of_quaternion(end), &rotation_of_quaternion(start)),
+            position_m: sub([now[0], now[1], now[2]], matvec(&rotation, moved)),
+            rotation,
         }
     }
 

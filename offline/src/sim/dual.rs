@@ -1,6 +1,6 @@
 //! Forward-mode differentiation: a value with N tangents that pass through every operation.
 
-use super::real::Real;
+use super::real::{Arithmetic, Float, Real, Triple};
 use super::tensor::{Mat3, matmul, transpose, transpose_inverse};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -13,12 +13,7 @@ pub struct Dual<F, const N: usize> {
     pub tangent: [F; N],
 }
 
-/// `f32` or `f64`.
-pub trait Float: Real + PartialOrd {}
-impl Float for f32 {}
-impl Float for f64 {}
-
-impl<F: Float, const N: usize> Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Dual<F, N> {
     /// The input with index `index`, whose derivative with respect to itself is one.
     pub fn input(value: f64, index: usize) -> Self {
         let mut tangent = [F::zero(); N];
@@ -45,7 +40,7 @@ impl<F: Float, const N: usize> Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Add for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Add for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
@@ -53,7 +48,7 @@ impl<F: Float, const N: usize> Add for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Sub for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Sub for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
@@ -61,7 +56,7 @@ impl<F: Float, const N: usize> Sub for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Mul for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Mul for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     // The product rule adds.
@@ -73,7 +68,7 @@ impl<F: Float, const N: usize> Mul for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Div for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Div for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn div(self, b: Self) -> Self {
@@ -83,7 +78,7 @@ impl<F: Float, const N: usize> Div for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> Neg for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> Neg for Dual<F, N> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -91,50 +86,23 @@ impl<F: Float, const N: usize> Neg for Dual<F, N> {
     }
 }
 
-impl<F: Float, const N: usize> AddAssign for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> AddAssign for Dual<F, N> {
     #[inline(always)]
     fn add_assign(&mut self, b: Self) {
         *self = *self + b;
     }
 }
 
-impl<F: Float, const N: usize> SubAssign for Dual<F, N> {
+impl<F: Arithmetic, const N: usize> SubAssign for Dual<F, N> {
     #[inline(always)]
     fn sub_assign(&mut self, b: Self) {
         *self = *self - b;
     }
 }
 
-/// Three dual numbers: their lanes run along the tangents.
-#[derive(Clone, Copy, Debug)]
-pub struct Triple<F, const N: usize>([Dual<F, N>; 3]);
-
-impl<F: Float, const N: usize> Add for Triple<F, N> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
-    }
-}
-
-impl<F: Float, const N: usize> Sub for Triple<F, N> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
-    }
-}
-
-impl<F: Float, const N: usize> AddAssign for Triple<F, N> {
-    #[inline(always)]
-    fn add_assign(&mut self, b: Self) {
-        *self = *self + b;
-    }
-}
-
 impl<F: Float, const N: usize> Real for Dual<F, N> {
     type Base = F;
-    type Packed = Triple<F, N>;
+    type Packed = Triple<Self>;
 
     const TANGENTS: usize = N;
 
@@ -146,15 +114,15 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     }
 
     #[inline(always)]
-    fn pack(v: [Self; 3]) -> Triple<F, N> {
+    fn pack(v: [Self; 3]) -> Triple<Self> {
         Triple(v)
     }
     #[inline(always)]
-    fn unpack(v: Triple<F, N>) -> [Self; 3] {
+    fn unpack(v: Triple<Self>) -> [Self; 3] {
         v.0
     }
     #[inline(always)]
-    fn packed_times(v: Triple<F, N>, c: F) -> Triple<F, N> {
+    fn packed_times(v: Triple<Self>, c: F) -> Triple<Self> {
         Triple([v.0[0].times(c), v.0[1].times(c), v.0[2].times(c)])
     }
 
@@ -166,27 +134,9 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     fn times(self, c: F) -> Self {
         self.chain(self.value * c, c)
     }
-
-    #[inline(always)]
-    fn of(value: f64) -> Self {
-        Self {
-            value: F::of(value),
-            tangent: [F::zero(); N],
-        }
-    }
     #[inline(always)]
     fn value(self) -> f64 {
         self.value.value()
-    }
-    #[inline(always)]
-    fn scale(self, c: f64) -> Self {
-        let c = F::of(c);
-        self.chain(self.value * c, c)
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let root = self.value.sqrt();
-        self.chain(root, F::of(0.5) / root)
     }
     #[inline(always)]
     fn exp(self) -> Self {
@@ -197,6 +147,49 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     fn sin_cos(self) -> (Self, Self) {
         let (sin, cos) = self.value.sin_cos();
         (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+}
+
+impl<F: Arithmetic, const N: usize> Arithmetic for Dual<F, N> {
+    type Mask = F::Mask;
+
+    #[inline(always)]
+    fn of(value: f64) -> Self {
+        Self {
+            value: F::of(value),
+            tangent: [F::zero(); N],
+        }
+    }
+    #[inline(always)]
+    fn scale(self, c: f64) -> Self {
+        let c = F::of(c);
+        self.chain(self.value * c, c)
+    }
+    #[inline(always)]
+    fn times_plus(self, b: Self, c: Self) -> Self {
+        let value = self.value.times_plus(b.value, c.value);
+        Self::per_lane(value, |k| {
+            self.tangent[k].times_plus(b.value, self.value.times_plus(b.tangent[k], c.tangent[k]))
+        })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        self.chain(root, F::of(0.5) / root)
+    }
+    #[inline(always)]
+    fn exceeds(self, bound: Self) -> F::Mask {
+        self.value.exceeds(bound.value)
+    }
+    #[inline(always)]
+    fn select(mask: F::Mask, yes: Self, no: Self) -> Self {
+        Self::per_lane(F::select(mask, yes.value, no.value), |k| {
+            F::select(mask, yes.tangent[k], no.tangent[k])
+        })
+    }
+    #[inline(always)]
+    fn everywhere(mask: F::Mask) -> bool {
+        F::everywhere(mask)
     }
 
     /// The value by Newton's iteration, the derivative in closed form: dR = R Ω, Ω the cross-product matrix of ω, with

@@ -56,11 +56,24 @@ pub enum Cause {
         /// Size of the last step, m.
         moved_m: f64,
     },
+    /// A gradient was asked for where the start depends on the parameters.
+    #[error("gradients in reverse need a rope that starts straight: take tangents")]
+    HangsAtStart,
     /// The rope would rest on the table, which poses at rest do not know.
     #[error("the rope at rest reaches down to z = {lowest_m:.3} m and would lie on the table")]
     RestsOnTable {
         /// Height of its lowest point, m.
         lowest_m: f64,
+    },
+    /// A gradient does not fit into the memory that it may use.
+    #[error(
+        "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"
+    )]
+    Memory {
+        /// The least that would do.
+        needed_bytes: usize,
+        /// What was allowed.
+        budget_bytes: usize,
     },
     /// The rollout would not end within reason.
     #[error(

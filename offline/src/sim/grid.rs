@@ -129,6 +129,6 @@ impl<T: Real> Grid<T> {
 }
 
 /// Coordinate of the axis in cells: a whole number and a half, so that node lines lie symmetrically.
-fn half_offset(layout: &RopeLayout, dx: f64) -> f64 {
+pub fn half_offset(layout: &RopeLayout, dx: f64) -> f64 {
     (0.5 * layout.shape.diameter_m / dx).ceil() + 3.5
 }

@@ -19,6 +19,7 @@
 //! ([`step`]). Nothing here reads a clock, a file or a random source; the same scene gives the same
 //! bits for every thread count, because one rollout runs on one thread.
 
+pub mod adjoint;
 pub mod band;
 pub mod clamp;
 pub mod curve;
@@ -26,7 +27,11 @@ pub mod dual;
 pub mod elastic;
 pub mod error;
 pub mod grid;
+mod hanging;
 pub mod kernel;
+pub mod lanes;
+mod laws;
+mod nodes;
 pub mod physics;
 pub mod real;
 pub mod rollout;
@@ -35,11 +40,14 @@ pub mod scene;
 pub mod start;
 pub mod statics;
 pub mod step;
+mod sweep;
 pub mod tensor;
+mod transfer;
 
 pub use dual::Dual;
 pub use error::{Cause, SimError};
+pub use lanes::Laned;
 pub use physics::Physics;
-pub use real::Real;
+pub use real::{Arithmetic, Real};
 pub use rollout::{Rollout, simulate};
 pub use scene::Scene;

@@ -1,6 +1,7 @@
 //! What the material and the world do to the rope: base coefficients, and lists of laws that
 //! effects append to. The passes of a step walk these lists and know no effect by name.
 
+use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::RopeLayout;
@@ -66,6 +67,23 @@ pub trait PathLaw<T: Real>: Send + Sync {
     fn offset(&self, recorded: &dyn Fn(T) -> Pose<T>, t_s: T) -> Pose<T>;
 }
 
+/// A force on the rope that nobody explains, constant within blocks of time and within slices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceField<T> {
+    /// Length of a block, s; the first starts at zero. After the last block there is no force.
+    pub block_s: f64,
+    /// Force per length of rope, N/m, by block and slice.
+    pub force_n_m: Vec<Vec<Vec3<T>>>,
+}
+
+impl<T> ForceField<T> {
+    /// The block in which a time lies.
+    pub fn block(&self, t_s: f64) -> Option<usize> {
+        let block = (t_s / self.block_s) as usize;
+        (block < self.force_n_m.len()).then_some(block)
+    }
+}
+
 /// All coefficients and laws of one simulation.
 pub struct Physics<T> {
     /// Young's modulus, Pa.
@@ -84,6 +102,10 @@ pub struct Physics<T> {
     pub mass_laws: Vec<Box<dyn MassLaw<T>>>,
     /// Errors of the clamp paths.
     pub path_laws: Vec<Box<dyn PathLaw<T>>>,
+    /// Changes of the scene's recorded paths, at most one per grip.
+    pub path_shifts: Vec<PathShift<T>>,
+    /// A force given along rope and time.
+    pub force_field: Option<ForceField<T>>,
 }
 
 impl<T: Real> Physics<T> {
@@ -98,6 +120,8 @@ impl<T: Real> Physics<T> {
             force_laws: Vec::new(),
             mass_laws: Vec::new(),
             path_laws: Vec::new(),
+            path_shifts: Vec::new(),
+            force_field: None,
         }
     }
 

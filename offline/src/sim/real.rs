@@ -4,8 +4,9 @@ use super::tensor::{Mat3, transpose_inverse};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// A real number with the operations that the physics needs.
-pub trait Real:
+/// What the physics of one particle or node computes with: a number, a number with tangents, or a
+/// register of such numbers, one per lane, for as many particles or nodes at once.
+pub trait Arithmetic:
     Copy
     + Debug
     + Send
@@ -19,8 +20,54 @@ pub trait Real:
     + AddAssign
     + SubAssign
 {
+    /// Yes or no, per lane.
+    type Mask: Copy;
+
+    /// A constant.
+    fn of(value: f64) -> Self;
+    /// Product with a constant; cheaper than `self * Self::of(c)` for dual numbers.
+    fn scale(self, c: f64) -> Self;
+    /// self b + c; in registers rounded once where the processor can.
+    fn times_plus(self, b: Self, c: Self) -> Self;
+    /// Square root of a positive number.
+    fn sqrt(self) -> Self;
+    /// Where the value is larger than that of `bound`; never for NaN.
+    fn exceeds(self, bound: Self) -> Self::Mask;
+    /// `yes` where the mask holds, otherwise `no`, each with its derivatives.
+    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// Whether the mask holds in every lane.
+    fn everywhere(mask: Self::Mask) -> bool;
+    /// Rotation R of the polar decomposition of a matrix with positive determinant.
+    fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self>;
+
+    /// Zero.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::of(0.0)
+    }
+    /// One.
+    #[inline(always)]
+    fn one() -> Self {
+        Self::of(1.0)
+    }
+}
+
+/// `f32` or `f64`.
+pub trait Float: Real + PartialOrd {
+    /// Distance from one to the next number.
+    const EPSILON: f64;
+}
+impl Float for f32 {
+    const EPSILON: f64 = f32::EPSILON as f64;
+}
+impl Float for f64 {
+    const EPSILON: f64 = f64::EPSILON;
+}
+
+/// One real number with the operations that laws need.
+pub trait Real: Arithmetic {
     /// The number type without derivatives, for constants such as weights.
-    type Base: Copy + Debug + Send + Sync + 'static;
+    type Base: Float;
     /// A vector of three numbers as a node holds it. Plain numbers fill a vector register, with an
     /// idle fourth lane; measured, a step is then a third faster than on three numbers one by one.
     type Packed: Copy
@@ -42,20 +89,12 @@ pub trait Real:
     fn base(value: f64) -> Self::Base;
     /// Product with a constant of the base type.
     fn times(self, c: Self::Base) -> Self;
-    /// A constant.
-    fn of(value: f64) -> Self;
     /// The value without its derivatives.
     fn value(self) -> f64;
-    /// Product with a constant; cheaper than `self * Self::of(c)` for dual numbers.
-    fn scale(self, c: f64) -> Self;
-    /// Square root of a positive number.
-    fn sqrt(self) -> Self;
     /// Exponential function.
     fn exp(self) -> Self;
     /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
-    /// Rotation R of the polar decomposition of a matrix with positive determinant.
-    fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self>;
 
     /// Number of derivatives that a number carries.
     const TANGENTS: usize = 0;
@@ -67,14 +106,32 @@ pub trait Real:
     fn with_tangents(value: f64, _tangent: impl Fn(usize) -> f64) -> Self {
         Self::of(value)
     }
+}
 
-    /// Zero.
-    fn zero() -> Self {
-        Self::of(0.0)
+/// Three numbers side by side: the packed vector of number types that have no vector register.
+#[derive(Clone, Copy, Debug)]
+pub struct Triple<T>(pub(super) [T; 3]);
+
+impl<T: Real> Add for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
     }
-    /// One.
-    fn one() -> Self {
-        Self::of(1.0)
+}
+
+impl<T: Real> Sub for Triple<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
+    }
+}
+
+impl<T: Real> AddAssign for Triple<T> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
     }
 }
 
@@ -104,6 +161,43 @@ fn newton_polar<T: Real>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
 
 macro_rules! float {
     ($t:ty, $packed:ty, $tolerance:expr) => {
+        impl Arithmetic for $t {
+            type Mask = bool;
+
+            #[inline(always)]
+            fn of(value: f64) -> Self {
+                value as $t
+            }
+            #[inline(always)]
+            fn scale(self, c: f64) -> Self {
+                self * c as $t
+            }
+            #[inline(always)]
+            fn times_plus(self, b: Self, c: Self) -> Self {
+                self * b + c
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                self.sqrt()
+            }
+            #[inline(always)]
+            fn exceeds(self, bound: Self) -> bool {
+                self > bound
+            }
+            #[inline(always)]
+            fn select(mask: bool, yes: Self, no: Self) -> Self {
+                if mask { yes } else { no }
+            }
+            #[inline(always)]
+            fn everywhere(mask: bool) -> bool {
+                mask
+            }
+            #[inline(always)]
+            fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
+                newton_polar(f, $tolerance)
+            }
+        }
+
         impl Real for $t {
             type Base = $t;
             type Packed = $packed;
@@ -131,20 +225,8 @@ macro_rules! float {
                 self * c
             }
             #[inline(always)]
-            fn of(value: f64) -> Self {
-                value as $t
-            }
-            #[inline(always)]
             fn value(self) -> f64 {
                 self as f64
-            }
-            #[inline(always)]
-            fn scale(self, c: f64) -> Self {
-                self * c as $t
-            }
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                self.sqrt()
             }
             #[inline(always)]
             fn exp(self) -> Self {
@@ -153,10 +235,6 @@ macro_rules! float {
             #[inline(always)]
             fn sin_cos(self) -> (Self, Self) {
                 self.sin_cos()
-            }
-            #[inline(always)]
-            fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self> {
-                newton_polar(f, $tolerance)
             }
         }
     };

@@ -2,16 +2,21 @@
 
 use super::clamp::{RigidMotion, grip_forces_n};
 use super::error::{Cause, SimError};
-use super::grid::Grid;
-use super::physics::Physics;
+use super::grid::{Grid, GridSpec};
+use super::hanging::{hang, hang_still, particle_masses};
+#[cfg(target_arch = "x86_64")]
+use super::lanes::{Avx2, Avx512};
+use super::lanes::{Instructions, Laned, Portable};
+use super::physics::{Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::Scene;
-use super::start::{Hang, Start};
-use super::statics::{Pose, Statics};
-use super::step::{Particle, StepContext, step};
-use super::tensor::{Vec3, add, scaled, sub, zero3};
-use rayon::prelude::*;
+use super::scene::{Grip, Scene};
+use super::start::Start;
+use super::step::{
+    MomentumField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
+};
+use super::sweep::Sweep;
+use super::tensor::{Vec3, add, norm, scaled, sub, value3, zero3};
 
 /// What a simulation returns.
 #[derive(Clone, Debug)]
@@ -52,163 +57,370 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
         .collect()
 }
 
-/// Brings the particles to where the scene starts, if the rope hangs there.
-fn hang<T: Real>(scene: &Scene, physics: &Physics<T>, particles: &mut [Particle<T>]) -> Result<(), Cause> {
-    let Some(hang) = scene.start.hang() else {
-        return Ok(());
-    };
-    let statics = Statics::new(scene, physics);
-    let first = statics.solve(&hang.poses[0])?;
-    let later = match (&scene.start, hang.poses.get(1)) {
-        (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
-        _ => None,
-    };
-    for (index, particle) in particles.iter_mut().enumerate() {
-        let (x, f) = statics.particle(&first, index);
-        (particle.position_m, particle.deformation_gradient) = (x, f);
-        if let Some((after_s, nodes)) = &later {
-            let (x1, f1) = statics.particle(nodes, index);
-            particle.velocity_m_s = scaled(sub(x1, x), 1.0 / after_s);
-            particle.deformation_rate = std::array::from_fn(|k| scaled(sub(f1[k], f[k]), 1.0 / after_s));
-        }
-    }
-    Ok(())
-}
-
-/// Mass of every particle, kg: the rope's, the declared mass at its end, and what the laws change.
-pub(super) fn particle_masses<T: Real>(scene: &Scene, layout: &RopeLayout, physics: &Physics<T>) -> Vec<T> {
-    let density = scene.rope.density_kg_m3();
-    let members = layout.section_m.len();
-    let first_of_end = layout.particles() - members;
-    let mut masses: Vec<T> = (0..layout.particles())
-        .map(|p| {
-            let end = if p >= first_of_end {
-                scene.end_mass_kg / members as f64
-            } else {
-                0.0
-            };
-            T::of(density * layout.particle_volume_m3(p) + end)
-        })
-        .collect();
-    for law in &physics.mass_laws {
-        law.change_masses_kg(layout, &mut masses);
-    }
-    masses
-}
-
-/// The poses of a scene without time.
-fn hang_still<T: Real>(scene: &Scene, physics: &Physics<T>, hang: &Hang) -> Result<Rollout<T>, SimError> {
-    let statics = Statics::new(scene, physics);
-    let layout = scene.layout();
-    let members = layout.section_m.len();
-    let frame = |pose: &Pose| {
-        let nodes = statics.solve(pose).map_err(|cause| SimError {
-            step: 0,
-            t_s: pose.t_s,
-            cause,
-        })?;
-        let middle = |slice: usize| {
-            let of_slice = slice * members..(slice + 1) * members;
-            let sum = of_slice.fold(zero3(), |sum, p| add(sum, statics.particle(&nodes, p).0));
-            scaled(sum, 1.0 / members as f64)
-        };
-        let line: Vec<Vec3<T>> = (0..layout.slices.len()).map(middle).collect();
-        Ok((line, statics.grip_forces_n(&nodes, pose)))
-    };
-    let found: Vec<_> = hang
-        .poses
-        .par_iter()
-        .map(frame)
-        .collect::<Result<_, SimError>>()?;
-    let (frames, grip_forces_n) = found.into_iter().unzip();
-    Ok(Rollout {
-        frames,
-        grip_forces_n,
-        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
-        reach_m: None,
-        steps: 0,
-        dt_s: 0.0,
-    })
-}
-
-/// Simulates a scene.
+/// Simulates a scene, on the widest registers that this processor has.
 ///
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
-pub fn simulate<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the instructions that the function was compiled for.
-        return unsafe { run_avx2(scene, physics) };
+pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    if matches!(scene.start, Start::Moving(_)) {
+        // Its first velocities stand at the grid's nodes in their plain order.
+        return simulate_one_by_one(scene, physics);
     }
-    run(scene, physics)
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: the processor has the instructions that the function was compiled for.
+            return unsafe { run_avx512(scene, physics) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { run_avx2(scene, physics) };
+        }
+    }
+    run_lanes::<T, Portable>(scene, physics)
 }
 
-/// The same code compiled for wider registers. Fused multiply-add stays off, so the bits are the
-/// same as those of the portable version.
+/// The same simulation, one particle after the other: slow and easy to read. It is what tests hold
+/// [`simulate`] against, and takes any number type.
+///
+/// # Errors
+/// A refusal or a stop, with step, time and cause.
+pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run::<T, OneByOne<T>>(scene, physics)
+}
+
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn run_avx2<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run(scene, physics)
+#[target_feature(enable = "avx512f")]
+unsafe fn run_avx512<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run_lanes::<T, Avx512>(scene, physics)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn run_avx2<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run_lanes::<T, Avx2>(scene, physics)
 }
 
 #[inline(always)]
-fn run<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    check_parameters(physics)?;
-    scene.check()?;
-    if let Start::Poses(hang) = &scene.start {
-        return hang_still(scene, physics, hang);
+fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    run::<T, Sweep<T, I>>(scene, physics)
+}
+
+/// A way to do the steps.
+pub(super) trait Engine<T> {
+    /// A rope in the state of `particles`, which lie slice by slice.
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self;
+    /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
+    /// Adds the momentum that forces per length, N/m, give in the step at hand to particles that stand
+    /// for these lengths, m, by slice.
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
+    /// Updates the nodes.
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
+    /// Gives the nodes velocities, m/s, in the order of [`Grid`], before the first step.
+    fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]);
+    /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
+    fn fastest(&self) -> (usize, f64);
+    /// Force of every grip on the rope in the step that ended in this state, N.
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>>;
+    /// Number of slices.
+    fn slices(&self) -> usize;
+    /// Middle of a slice and its velocity, m and m/s.
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
+}
+
+impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
+    #[inline(always)]
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self {
+        Sweep::new(context, layout, grid, &particles)
     }
-    let layout = scene.layout();
-    let dt_s = time_step_s(scene, physics);
-    // Before anything of the size of the rope is built.
-    let steps = scene.steps(dt_s, layout.particles())?;
-    let masses = particle_masses(scene, &layout, physics);
-    let mut particles = initial_particles(scene, &layout, &masses);
-    hang(scene, physics, &mut particles).map_err(SimError::at_start)?;
-    let context = StepContext {
-        physics,
-        lame: physics.lame(),
-        dt_s,
-        diameter_m: scene.rope.diameter_m,
-        table_m: scene.table.map(|t| t.height_m),
-        section: layout.section_m.len(),
-    };
-    let mut grid = Grid::new(&layout, scene.grid, &masses);
-    let mut recorder = Recorder::new(scene, &layout);
-    recorder.record(&particles, &vec![None; scene.grips.len()], 0.0, dt_s);
-    for number in 0..steps {
-        let t_s = number as f64 * dt_s;
-        let motions = grip_motions(scene, physics, t_s, dt_s);
-        let decay = match scene.settling {
-            Some(settling) if t_s < settling.until_s => libm::exp(-settling.rate_per_s * dt_s),
-            _ => 1.0,
+    #[inline(always)]
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        Sweep::sweep(self, context, motions)
+    }
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+        Sweep::push(self, context, force_n_m, lengths_m);
+    }
+    #[inline(always)]
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
+        Sweep::update_nodes(self, context, decay);
+    }
+    fn set_node_velocities(&mut self, _velocities_m_s: &[Vec3<T>]) {
+        unreachable!("scenes that start in motion run one particle after the other");
+    }
+    #[inline(always)]
+    fn fastest(&self) -> (usize, f64) {
+        Sweep::fastest(self)
+    }
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+        Sweep::grip_forces_n(self, motions, dt_s)
+    }
+    fn slices(&self) -> usize {
+        Sweep::slices(self)
+    }
+    #[inline(always)]
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
+        Sweep::slice_mean(self, slice)
+    }
+}
+
+/// One particle after the other.
+struct OneByOne<T: Real> {
+    particles: Vec<Particle<T>>,
+    grid: Grid<T>,
+    section: usize,
+}
+
+impl<T: Real> Engine<T> for OneByOne<T> {
+    fn new(
+        context: &StepContext<T>,
+        layout: &RopeLayout,
+        grid: GridSpec,
+        particles: Vec<Particle<T>>,
+    ) -> Self {
+        let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
+        Self {
+            grid: Grid::new(layout, grid, &masses),
+            particles,
+            section: context.section,
+        }
+    }
+    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
+        particles_to_grid(&self.particles, &mut self.grid, context, motions)
+    }
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+        for index in 0..self.particles.len() {
+            let slice = index / self.section;
+            let field = MomentumField {
+                at_particle: scaled(force_n_m[slice], context.dt_s * lengths_m[slice]),
+                slope: [zero3(); 3],
+            };
+            let (link, nodes) = (&self.grid.links[index], &mut self.grid.nodes);
+            scatter(link, self.grid.spacing_m, &field, nodes);
+        }
+    }
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
+        update_nodes(&mut self.grid, context, decay);
+    }
+    fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]) {
+        for (node, velocity) in self.grid.nodes.iter_mut().zip(velocities_m_s) {
+            *node = T::pack(*velocity);
+        }
+    }
+    fn fastest(&self) -> (usize, f64) {
+        let mut fastest = (0, 0.0);
+        for (index, p) in self.particles.iter().enumerate() {
+            if !norm(value3(p.position_m)).is_finite() {
+                return (index, f64::NAN);
+            }
+            let speed = norm(value3(p.velocity_m_s));
+            if speed > fastest.1 || speed.is_nan() {
+                fastest = (index, speed);
+            }
+        }
+        fastest
+    }
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+        grip_forces_n(&self.particles, motions, dt_s)
+    }
+    fn slices(&self) -> usize {
+        self.particles.len() / self.section
+    }
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
+        let members = &self.particles[slice * self.section..(slice + 1) * self.section];
+        let (mut place, mut velocity) = (zero3(), zero3());
+        for p in members {
+            place = add(place, p.position_m);
+            velocity = add(velocity, p.velocity_m_s);
+        }
+        let share = 1.0 / members.len() as f64;
+        (scaled(place, share), scaled(velocity, share))
+    }
+}
+
+#[inline(always)]
+fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    let setup = Setup::new(scene, physics)?;
+    if let Start::Poses(poses) = &scene.start {
+        return hang_still(scene, physics, poses);
+    }
+    let mut engine: E = setup.hanging_engine()?;
+    let mut recorder = Recorder::new(scene);
+    for state in 0..=setup.steps {
+        let motions = setup.motions(state);
+        setup.sweep(&mut engine, state, &motions)?;
+        recorder.record(&engine, state, &setup);
+        if state < setup.steps {
+            setup.update_nodes(&mut engine, state);
+        }
+        recorder.motions = motions;
+    }
+    Ok(recorder.finish(&setup))
+}
+
+/// What a rollout fixes before its first step.
+pub(super) struct Setup<'a, T> {
+    pub(super) scene: &'a Scene,
+    pub(super) layout: RopeLayout,
+    pub(super) masses_kg: Vec<T>,
+    pub(super) context: StepContext<'a, T>,
+    pub(super) steps: usize,
+}
+
+impl<'a, T: Real> Setup<'a, T> {
+    pub(super) fn new(scene: &'a Scene, physics: &'a Physics<T>) -> Result<Self, SimError> {
+        check_parameters(physics)?;
+        scene.check()?;
+        let layout = scene.layout();
+        let dt_s = time_step_s(scene, physics);
+        // Before anything of the size of the rope is built.
+        let steps = scene.steps(dt_s, layout.particles())?;
+        let masses_kg = particle_masses(scene, &layout, physics);
+        let context = StepContext {
+            physics,
+            lame: physics.lame(),
+            dt_s,
+            diameter_m: scene.rope.diameter_m,
+            table_m: scene.table.map(|t| t.height_m),
+            section: layout.section_m.len(),
         };
-        // An instability takes many steps to grow; the last state is always looked at.
-        let look = number % CHECK_EVERY == 0 || number + 1 == steps;
-        step(&mut particles, &mut grid, &context, &motions, decay)
-            .and_then(|()| {
-                if look {
-                    check_state(&particles, &context, scene)
-                } else {
-                    Ok(())
-                }
-            })
-            .map_err(|cause| SimError {
-                step: number,
-                t_s,
-                cause,
-            })?;
-        recorder.record(&particles, &motions, t_s + dt_s, dt_s);
+        Ok(Self {
+            scene,
+            masses_kg,
+            steps,
+            layout,
+            context,
+        })
     }
-    Ok(Rollout {
-        frames: recorder.frames,
-        grip_forces_n: recorder.grip_forces_n,
-        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
-        reach_m: recorder.reach_m,
-        steps,
-        dt_s,
-    })
+
+    /// Time at the start of a step, s.
+    pub(super) fn time_s(&self, step: usize) -> f64 {
+        step as f64 * self.context.dt_s
+    }
+
+    /// Factor on every velocity in a step.
+    pub(super) fn decay(&self, step: usize) -> f64 {
+        match self.scene.settling {
+            Some(settling) if self.time_s(step) < settling.until_s => {
+                libm::exp(-settling.rate_per_s * self.context.dt_s)
+            }
+            _ => 1.0,
+        }
+    }
+
+    /// Forces per length of the slices during a step.
+    pub(super) fn forces(&self, step: usize) -> Option<&[Vec3<T>]> {
+        let field = self.context.physics.force_field.as_ref()?;
+        Some(&field.force_n_m[field.block(self.time_s(step))?])
+    }
+
+    /// Length of rope of a particle of each slice, m.
+    pub(super) fn lengths_m(&self) -> Vec<f64> {
+        let share = 1.0 / self.context.section as f64;
+        self.layout.slices.iter().map(|s| s.length_m * share).collect()
+    }
+
+    /// Motion of each closed grip at the end of a step.
+    pub(super) fn motions(&self, step: usize) -> Vec<Option<RigidMotion<T>>> {
+        let dt_s = self.context.dt_s;
+        grip_motions(self.scene, self.context.physics, self.time_s(step), dt_s)
+    }
+
+    /// A stop in a step.
+    pub(super) fn stop(&self, step: usize, cause: Cause) -> SimError {
+        SimError {
+            step,
+            t_s: self.time_s(step),
+            cause,
+        }
+    }
+
+    /// An engine with the rope as it lies at the start.
+    #[inline(always)]
+    pub(super) fn engine<E: Engine<T>>(&self) -> E {
+        let particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
+        E::new(&self.context, &self.layout, self.scene.grid, particles)
+    }
+
+    /// The same where the rope may hang at the start.
+    fn hanging_engine<E: Engine<T>>(&self) -> Result<E, SimError> {
+        let mut particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
+        let velocities =
+            hang(self.scene, self.context.physics, &mut particles).map_err(SimError::at_start)?;
+        let mut engine = E::new(&self.context, &self.layout, self.scene.grid, particles);
+        if let Some(velocities_m_s) = velocities {
+            engine.set_node_velocities(&velocities_m_s);
+        }
+        Ok(engine)
+    }
+
+    /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
+    /// for runaway particles, because an instability takes many steps to grow, and at the last state.
+    #[inline(always)]
+    pub(super) fn sweep<E: Engine<T>>(
+        &self,
+        engine: &mut E,
+        state: usize,
+        motions: &[Option<RigidMotion<T>>],
+    ) -> Result<(), SimError> {
+        engine
+            .sweep(&self.context, motions)
+            .map_err(|cause| self.stop(state, cause))?;
+        if state % CHECK_EVERY == 1 || state == self.steps {
+            let cell_per_step = self.scene.grid.spacing_m / self.context.dt_s;
+            check_speed(engine.fastest(), cell_per_step)
+                .map_err(|cause| self.stop(state.saturating_sub(1), cause))?;
+        }
+        Ok(())
+    }
+
+    /// The rest of a step.
+    #[inline(always)]
+    pub(super) fn update_nodes<E: Engine<T>>(&self, engine: &mut E, step: usize) {
+        if let Some(force_n_m) = self.forces(step) {
+            engine.push(&self.context, force_n_m, &self.lengths_m());
+        }
+        engine.update_nodes(&self.context, self.decay(step));
+    }
+}
+
+/// Where each closed grip stands at the end of the step that begins at `t_s`.
+pub fn grip_motions<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    t_s: f64,
+    dt_s: f64,
+) -> Vec<Option<RigidMotion<T>>> {
+    let motion = |(index, grip): (usize, &Grip)| {
+        let (path, first) = (&grip.path, grip.path.knots()[0].pose);
+        if !path.closed(t_s) {
+            return None;
+        }
+        let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
+        let recorded = |t: T| match shift {
+            Some(shift) => path.shifted_pose(shift, t),
+            None => path.pose(t),
+        };
+        let start: Pose<T> = match shift {
+            Some(shift) => std::array::from_fn(|k| T::of(first[k]) + shift.knots[0].pose[k]),
+            None => first.map(T::of),
+        };
+        let held_m = [first[0], first[1], first[2]];
+        let laws = &physics.path_laws;
+        Some(RigidMotion::at(&recorded, &start, held_m, laws, t_s + dt_s))
+    };
+    scene.grips.iter().enumerate().map(motion).collect()
 }
 
 /// The time step of a scene with a physics, s.
@@ -242,121 +454,97 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
 /// Steps between two looks for runaway particles.
 const CHECK_EVERY: usize = 16;
 
-/// Looks for particles that are not finite or move too far per step.
-fn check_state<T: Real>(
-    particles: &[Particle<T>],
-    context: &StepContext<T>,
-    scene: &Scene,
-) -> Result<(), Cause> {
-    let fastest_m_s = 0.5 * scene.grid.spacing_m / context.dt_s;
-    for (particle, p) in particles.iter().enumerate() {
-        let speed_m_s = p
-            .velocity_m_s
-            .iter()
-            .map(|c| c.value().powi(2))
-            .sum::<f64>()
-            .sqrt();
-        if !speed_m_s.is_finite() || p.position_m.iter().any(|c| !c.value().is_finite()) {
-            return Err(Cause::NonFinite { particle });
-        }
-        if speed_m_s > fastest_m_s {
-            return Err(Cause::TooFast { particle, speed_m_s });
-        }
+fn check_speed((particle, speed_m_s): (usize, f64), cell_per_step: f64) -> Result<(), Cause> {
+    if !speed_m_s.is_finite() {
+        return Err(Cause::NonFinite { particle });
+    }
+    if speed_m_s > 0.5 * cell_per_step {
+        return Err(Cause::TooFast { particle, speed_m_s });
     }
     Ok(())
 }
 
-/// Where each closed grip stands at the end of the step that begins at `t_s`.
-pub fn grip_motions<T: Real>(
-    scene: &Scene,
-    physics: &Physics<T>,
-    t_s: f64,
-    dt_s: f64,
-) -> Vec<Option<RigidMotion<T>>> {
-    scene
-        .grips
-        .iter()
-        .map(|grip| {
-            grip.path.closed(t_s).then(|| {
-                let pose = grip.path.real_pose(&physics.path_laws, t_s + dt_s);
-                RigidMotion::between(&grip.path.knots()[0].pose, &pose)
-            })
-        })
-        .collect()
+/// Where a frame lies: after which step, and how far from its end (within the last step, so negative).
+#[derive(Clone, Copy)]
+pub(super) struct FrameMark {
+    pub(super) state: usize,
+    pub(super) ahead_s: f64,
 }
 
 /// Takes down the centreline at the scene's frame times and the tip's reach.
-struct Recorder<'a, T> {
+pub(super) struct Recorder<'a, T> {
     scene: &'a Scene,
-    section: usize,
     frames: Vec<Vec<Vec3<T>>>,
     grip_forces_n: Vec<Vec<Vec3<T>>>,
     reach_m: Option<T>,
+    /// Motions of the grips in the step before.
+    pub(super) motions: Vec<Option<RigidMotion<T>>>,
+    /// Where each frame was taken.
+    pub(super) marks: Vec<FrameMark>,
+    /// After which step the tip reached furthest.
+    pub(super) reach_state: usize,
 }
 
 impl<'a, T: Real> Recorder<'a, T> {
-    fn new(scene: &'a Scene, layout: &RopeLayout) -> Self {
+    pub(super) fn new(scene: &'a Scene) -> Self {
         Self {
             scene,
-            section: layout.section_m.len(),
             frames: Vec::with_capacity(scene.frame_times_s.len()),
             grip_forces_n: Vec::with_capacity(scene.frame_times_s.len()),
             reach_m: None,
+            motions: vec![None; scene.grips.len()],
+            marks: Vec::new(),
+            reach_state: 0,
         }
     }
 
-    fn record(
-        &mut self,
-        particles: &[Particle<T>],
-        motions: &[Option<RigidMotion<T>>],
-        now_s: f64,
-        dt_s: f64,
-    ) {
+    /// Looks at the rope after `state` steps.
+    #[inline(always)]
+    pub(super) fn record(&mut self, engine: &impl Engine<T>, state: usize, setup: &Setup<T>) {
+        let now_s = setup.time_s(state);
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             if due > now_s + 1e-12 {
                 break;
             }
             // Frames fall between steps: go back along the velocity, less than one step.
-            self.frames.push(centreline(particles, self.section, due - now_s));
-            self.grip_forces_n.push(grip_forces_n(particles, motions, dt_s));
+            let ahead_s = due - now_s;
+            let point = |slice| {
+                let (place, velocity) = engine.slice_mean(slice);
+                add(place, scaled(velocity, ahead_s))
+            };
+            self.frames.push((0..engine.slices()).map(point).collect());
+            self.marks.push(FrameMark { state, ahead_s });
+            self.grip_forces_n
+                .push(engine.grip_forces_n(&self.motions, setup.context.dt_s));
         }
         if now_s >= self.scene.score_from_s {
-            let tip = self.tip_x(particles);
+            let tip = tip_x(engine);
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
+                self.reach_state = state;
             }
         }
     }
 
-    /// x of the end point of the axis, half a slice beyond the last slice.
-    fn tip_x(&self, particles: &[Particle<T>]) -> T {
-        let n = particles.len();
-        let mean = |range: std::ops::Range<usize>| {
-            let mut sum = T::zero();
-            for p in &particles[range] {
-                sum += p.position_m[0];
-            }
-            sum.scale(1.0 / self.section as f64)
-        };
-        let (last, before) = (
-            mean(n - self.section..n),
-            mean(n - 2 * self.section..n - self.section),
-        );
-        last + (last - before).scale(0.5)
+    pub(super) fn finish(&mut self, setup: &Setup<T>) -> Rollout<T> {
+        Rollout {
+            frames: std::mem::take(&mut self.frames),
+            grip_forces_n: std::mem::take(&mut self.grip_forces_n),
+            arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
+            reach_m: self.reach_m,
+            steps: setup.steps,
+            dt_s: setup.context.dt_s,
+        }
     }
 }
 
-fn centreline<T: Real>(particles: &[Particle<T>], section: usize, ahead_s: f64) -> Vec<Vec3<T>> {
-    particles
-        .chunks(section)
-        .map(|slice| {
-            let mut sum = zero3();
-            for p in slice {
-                sum = add(sum, add(p.position_m, scaled(p.velocity_m_s, ahead_s)));
-            }
-            scaled(sum, 1.0 / section as f64)
-        })
-        .collect()
+/// x of the end point of the axis, half a slice beyond the last slice.
+#[inline(always)]
+fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
+    let n = engine.slices();
+    let x = |slice| engine.slice_mean(slice).0[0];
+    let (last, before) = (x(n - 1), x(n - 2));
+    last + (last - before).scale(0.5)
 }
 
 /// Two unit vectors that complete `axis` to a right-handed frame.

@@ -5,7 +5,7 @@ use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::physics::{ForcePoint, Physics, StressPoint};
-use super::real::Real;
+use super::real::{Arithmetic, Real};
 use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, sub, transpose_inverse};
 
 /// What moves with the rope.
@@ -55,10 +55,24 @@ pub fn step<T: Real>(
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
+    particles_to_grid(particles, grid, context, motions)?;
+    update_nodes(grid, context, decay);
+    grid_to_particles(particles, grid, context.dt_s);
+    Ok(())
+}
+
+/// The first part of a step: sums up at the nodes what the particles, clamps and table give.
+#[inline(always)]
+pub fn particles_to_grid<T: Real>(
+    particles: &[Particle<T>],
+    grid: &mut Grid<T>,
+    context: &StepContext<T>,
+    motions: &[Option<RigidMotion<T>>],
+) -> Result<(), Cause> {
     grid.clear();
     for (index, particle) in particles.iter().enumerate() {
         let field = momentum_field(particle, context, grid.spacing_m, index)?;
-        scatter(index, &field, grid);
+        scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.nodes);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
             scatter_clamp(index, stiffness, velocity, grid);
         }
@@ -66,19 +80,23 @@ pub fn step<T: Real>(
     if let Some(table_m) = context.table_m {
         scatter_contact(particles, table_m, context, grid);
     }
-    update_nodes(grid, context, decay);
-    for (index, particle) in particles.iter_mut().enumerate() {
-        gather(particle, index, grid, context.dt_s);
-    }
     Ok(())
+}
+
+/// The last part of a step: moves the particles with the nodes.
+#[inline(always)]
+pub fn grid_to_particles<T: Real>(particles: &mut [Particle<T>], grid: &Grid<T>, dt_s: f64) {
+    for (index, particle) in particles.iter_mut().enumerate() {
+        gather(particle, index, grid, dt_s);
+    }
 }
 
 /// Momentum that a particle gives to a node at the undeformed offset d:
 /// w (m v + dt f + (m Ḟ − dt V P 4/dx²) d), Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff
 /// stress P in place of the Kirchhoff stress because offsets are undeformed.
-struct MomentumField<T> {
-    at_particle: Vec3<T>,
-    slope: Mat3<T>,
+pub(super) struct MomentumField<T> {
+    pub(super) at_particle: Vec3<T>,
+    pub(super) slope: Mat3<T>,
 }
 
 #[inline(always)]
@@ -104,24 +122,32 @@ fn momentum_field<T: Real>(
     }
     let mut at_particle = mul(particle.velocity_m_s, m);
     if !context.physics.force_laws.is_empty() {
-        let axis = [f[0][0], f[1][0], f[2][0]];
-        let point = ForcePoint {
-            position_m: particle.position_m,
-            velocity_m_s: particle.velocity_m_s,
-            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
-            length_m: particle.length_m,
-            diameter_m: context.diameter_m,
-            mass_kg: m,
-        };
-        for law in &context.physics.force_laws {
-            at_particle = add(at_particle, scaled(law.force_n(&point), context.dt_s));
-        }
+        let force_n = force_of_laws(particle, context);
+        at_particle = add(at_particle, scaled(force_n, context.dt_s));
     }
     Ok(MomentumField { at_particle, slope })
 }
 
+/// Sum of the force laws, N.
+pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>) -> Vec3<T> {
+    let f = &particle.deformation_gradient;
+    let axis = [f[0][0], f[1][0], f[2][0]];
+    let point = ForcePoint {
+        position_m: particle.position_m,
+        velocity_m_s: particle.velocity_m_s,
+        tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+        length_m: particle.length_m,
+        diameter_m: context.diameter_m,
+        mass_kg: particle.mass_kg,
+    };
+    let laws = &context.physics.force_laws;
+    laws.iter()
+        .fold([T::zero(); 3], |sum, law| add(sum, law.force_n(&point)))
+}
+
+/// Why a deformation gradient with this determinant stops a run.
 #[cold]
-fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
+pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
     if det.is_nan() {
         Cause::NonFinite { particle }
     } else {
@@ -130,7 +156,12 @@ fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
 }
 
 /// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j: T, pk1: &mut Mat3<T>) {
+pub(super) fn add_stress_laws<T: Real>(
+    particle: &Particle<T>,
+    context: &StepContext<T>,
+    j: T,
+    pk1: &mut Mat3<T>,
+) {
     let f = &particle.deformation_gradient;
     let inverse_transposed = transpose_inverse(f);
     // L = Ḟ F⁻¹.
@@ -152,7 +183,7 @@ fn add_stress_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>, j:
 /// Stiffness of a gripped particle's spring as a mass, κ m, and the velocity that would bring it to
 /// its place within the step.
 #[inline(always)]
-fn clamp_target<T: Real>(
+pub(super) fn clamp_target<T: Real>(
     particle: &Particle<T>,
     motions: &[Option<RigidMotion<T>>],
     dt_s: f64,
@@ -164,13 +195,18 @@ fn clamp_target<T: Real>(
 }
 
 #[inline(always)]
-fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) {
-    let dx = T::base(grid.spacing_m);
+pub(super) fn scatter<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    field: &MomentumField<T>,
+    nodes: &mut [T::Packed],
+) {
+    let dx = T::base(spacing_m);
     let Link {
         slots,
         weights,
         offset_m,
-    } = &grid.links[index];
+    } = link;
     // The value at the middle node, and its change from node to node along each axis.
     let slope = &field.slope;
     let mut middle = field.at_particle;
@@ -188,14 +224,14 @@ fn scatter<T: Real>(index: usize, field: &MomentumField<T>, grid: &mut Grid<T>) 
             let momenta = [lines[j] - along_z, lines[j], lines[j] + along_z];
             for k in 0..3 {
                 let entry = 9 * i + 3 * j + k;
-                grid.nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
+                nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
             }
         }
     }
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
-fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
     grid.constrained = true;
     let link = &grid.links[index];
     for entry in 0..STENCIL {
@@ -210,30 +246,22 @@ fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &
 
 /// Slices nearer to the table than this share of a cell take part in contact; the constraint itself
 /// is exact, this only skips slices that cannot touch within the step.
-const CONTACT_NEAR_CELLS: f64 = 0.1;
+pub const CONTACT_NEAR_CELLS: f64 = 0.1;
 
 /// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
 /// the rope's radius, and may not move down by more than its gap within the step. This is the contact
 /// of a row of spheres; a lying rope touches as it should, and its end counts as round.
-fn scatter_contact<T: Real>(
+pub(super) fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
     table_m: f64,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
-    let near_m = CONTACT_NEAR_CELLS * grid.spacing_m;
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let mut height = T::zero();
-        for p in members {
-            height += p.position_m[2];
-        }
-        let gap = height.scale(1.0 / members.len() as f64) - lowest;
-        if gap.value() > near_m {
+        let Some(asked) = asked_of_slice(members, table_m, context, grid.spacing_m) else {
             continue;
-        }
+        };
         grid.constrained = true;
-        let asked = -gap.scale(1.0 / context.dt_s);
         for (member, p) in members.iter().enumerate() {
             let link = &grid.links[slice * context.section + member];
             let stiffness = p.mass_kg.scale(STIFFNESS);
@@ -247,9 +275,25 @@ fn scatter_contact<T: Real>(
     }
 }
 
+/// Upward velocity that brings a slice onto the table within the step; none where it is not near.
+pub(super) fn asked_of_slice<T: Real>(
+    members: &[Particle<T>],
+    table_m: f64,
+    context: &StepContext<T>,
+    spacing_m: f64,
+) -> Option<T> {
+    let lowest = T::of(table_m + 0.5 * context.diameter_m);
+    let mut height = T::zero();
+    for p in members {
+        height += p.position_m[2];
+    }
+    let gap = height.scale(1.0 / members.len() as f64) - lowest;
+    (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
+}
+
 /// Turns momenta into velocities: weight, settling, table, clamps.
 #[inline(always)]
-fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
+pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
     for index in 0..grid.nodes.len() {
         let free = mul(T::unpack(grid.nodes[index]), grid.inverse_mass[index]);
@@ -269,44 +313,56 @@ fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f6
 /// times what the push added. In stick the tangential velocity is zero, and so is its derivative
 /// with respect to μ.
 #[inline(always)]
-fn table_contact<T: Real>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
-    let [stiffness, asked] = *contact;
-    if stiffness.value() == 0.0 {
-        return velocity;
-    }
-    let [vx, vy, vz] = velocity;
+pub fn table_contact<T: Arithmetic>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
+    let ([stiffness, asked], [vx, vy, vz]) = (*contact, velocity);
+    let (zero, one) = (T::zero(), T::one());
     let held = (vz * mass + asked) / (mass + stiffness);
-    let push = held - vz;
-    if push.value() <= 0.0 {
-        return velocity;
-    }
+    let near = stiffness.exceeds(zero);
+    let push = T::select(near, held - vz, zero);
     let square = vx * vx + vy * vy;
-    if square.value() <= f64::from(f32::MIN_POSITIVE) {
-        return [T::zero(), T::zero(), held];
-    }
-    let kept = T::one() - friction * push / square.sqrt();
-    if kept.value() <= 0.0 {
-        return [T::zero(), T::zero(), held];
-    }
-    [vx * kept, vy * kept, held]
+    let moves = square.exceeds(T::of(f64::from(f32::MIN_POSITIVE)));
+    let speed = T::select(moves, square, one).sqrt();
+    let kept = T::select(moves, one - friction * push / speed, zero);
+    let kept = T::select(kept.exceeds(zero), kept, zero);
+    let touches = push.exceeds(zero);
+    [
+        T::select(touches, vx * kept, vx),
+        T::select(touches, vy * kept, vy),
+        T::select(touches, held, vz),
+    ]
 }
 
 /// Implicit springs: (m v + K v_clamp) / (m + K).
 #[inline(always)]
-fn clamp_node<T: Real>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
+pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
     let [stiffness, px, py, pz] = *clamp;
-    if stiffness.value() == 0.0 {
-        return velocity;
-    }
-    mul(
-        add(mul(velocity, mass), [px, py, pz]),
-        T::one() / (mass + stiffness),
-    )
+    let held = stiffness.exceeds(T::zero());
+    let inverse = T::one() / (mass + stiffness);
+    let asked = mul(add(mul(velocity, mass), [px, py, pz]), inverse);
+    std::array::from_fn(|k| T::select(held, asked[k], velocity[k]))
 }
 
+/// Moves a particle on with its nodes.
 #[inline(always)]
 fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
-    let link = &grid.links[index];
+    let (velocity, rate) = field_of_nodes(&grid.links[index], grid.spacing_m, &grid.nodes);
+    for a in 0..3 {
+        let f = &mut particle.deformation_gradient[a];
+        *f = add(*f, scaled(rate[a], dt_s));
+    }
+    particle.deformation_rate = rate;
+    particle.velocity_m_s = velocity;
+    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+}
+
+/// Velocity Σ w v and affine field 4/dx² Σ w v dᵀ that the nodes' velocities give to a particle: the
+/// transpose of [`scatter`], with the slope scaled.
+#[inline(always)]
+pub(super) fn field_of_nodes<T: Real>(
+    link: &Link<T>,
+    spacing_m: f64,
+    nodes: &[T::Packed],
+) -> (Vec3<T>, Mat3<T>) {
     let zero = T::pack([T::zero(); 3]);
     // Σ w v (offset along z and y), offsets counted in cells from the middle node.
     let (mut moment_y, mut moment_z) = (zero, zero);
@@ -316,7 +372,7 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
         for j in 0..3 {
             let at = |k: usize| {
                 let entry = 9 * i + 3 * j + k;
-                T::packed_times(grid.nodes[link.slots[entry] as usize], link.weights[entry])
+                T::packed_times(nodes[link.slots[entry] as usize], link.weights[entry])
             };
             let (low, high) = (at(0), at(2));
             lines[j] = low + at(1) + high;
@@ -327,16 +383,14 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
     }
     let velocity = T::unpack(planes[0] + planes[1] + planes[2]);
     let moment = [planes[2] - planes[0], moment_y, moment_z].map(T::unpack);
-    let dx = T::base(grid.spacing_m);
-    let scale = T::base(4.0 / (grid.spacing_m * grid.spacing_m));
+    let dx = T::base(spacing_m);
+    let scale = T::base(4.0 / (spacing_m * spacing_m));
+    let mut rate = [[T::zero(); 3]; 3];
     for a in 0..3 {
         for b in 0..3 {
             let centred = moment[b][a].times(dx) - velocity[a].times(link.offset_m[b]);
-            particle.deformation_rate[a][b] = centred.times(scale);
+            rate[a][b] = centred.times(scale);
         }
-        let f = &mut particle.deformation_gradient[a];
-        *f = add(*f, scaled(particle.deformation_rate[a], dt_s));
     }
-    particle.velocity_m_s = velocity;
-    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+    (velocity, rate)
 }

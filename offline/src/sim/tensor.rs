@@ -1,6 +1,6 @@
 //! Small vectors and matrices over any number type; matrices are row-major, `m[row][column]`.
 
-use super::real::Real;
+use super::real::{Arithmetic, Real};
 
 /// A vector of three components.
 pub type Vec3<T> = [T; 3];
@@ -9,13 +9,13 @@ pub type Mat3<T> = [[T; 3]; 3];
 
 /// Zero vector.
 #[inline(always)]
-pub fn zero3<T: Real>() -> Vec3<T> {
+pub fn zero3<T: Arithmetic>() -> Vec3<T> {
     [T::zero(); 3]
 }
 
 /// The constants of `v` as numbers of type `T`.
 #[inline(always)]
-pub fn lift3<T: Real>(v: [f64; 3]) -> Vec3<T> {
+pub fn lift3<T: Arithmetic>(v: [f64; 3]) -> Vec3<T> {
     [T::of(v[0]), T::of(v[1]), T::of(v[2])]
 }
 
@@ -27,37 +27,37 @@ pub fn value3<T: Real>(v: Vec3<T>) -> [f64; 3] {
 
 /// a + b.
 #[inline(always)]
-pub fn add<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
+pub fn add<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// a − b.
 #[inline(always)]
-pub fn sub<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
+pub fn sub<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// a s.
 #[inline(always)]
-pub fn mul<T: Real>(a: Vec3<T>, s: T) -> Vec3<T> {
+pub fn mul<T: Arithmetic>(a: Vec3<T>, s: T) -> Vec3<T> {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// a c with a constant c.
 #[inline(always)]
-pub fn scaled<T: Real>(a: Vec3<T>, c: f64) -> Vec3<T> {
+pub fn scaled<T: Arithmetic>(a: Vec3<T>, c: f64) -> Vec3<T> {
     [a[0].scale(c), a[1].scale(c), a[2].scale(c)]
 }
 
 /// a · b.
 #[inline(always)]
-pub fn dot<T: Real>(a: Vec3<T>, b: Vec3<T>) -> T {
+pub fn dot<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// a × b.
 #[inline(always)]
-pub fn cross<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
+pub fn cross<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -67,20 +67,20 @@ pub fn cross<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
 
 /// |a|; its derivative at a = 0 does not exist and is not finite.
 #[inline(always)]
-pub fn norm<T: Real>(a: Vec3<T>) -> T {
+pub fn norm<T: Arithmetic>(a: Vec3<T>) -> T {
     dot(a, a).sqrt()
 }
 
 /// Identity matrix.
 #[inline(always)]
-pub fn identity<T: Real>() -> Mat3<T> {
+pub fn identity<T: Arithmetic>() -> Mat3<T> {
     let (o, l) = (T::zero(), T::one());
     [[l, o, o], [o, l, o], [o, o, l]]
 }
 
 /// A B.
 #[inline(always)]
-pub fn matmul<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
+pub fn matmul<T: Arithmetic>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
     let mut c = [[T::zero(); 3]; 3];
     for i in 0..3 {
         for j in 0..3 {
@@ -92,7 +92,7 @@ pub fn matmul<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
 
 /// A Bᵀ.
 #[inline(always)]
-pub fn matmul_transposed<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
+pub fn matmul_transposed<T: Arithmetic>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
     let mut c = [[T::zero(); 3]; 3];
     for i in 0..3 {
         for j in 0..3 {
@@ -104,7 +104,7 @@ pub fn matmul_transposed<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
 
 /// Aᵀ.
 #[inline(always)]
-pub fn transpose<T: Real>(a: &Mat3<T>) -> Mat3<T> {
+pub fn transpose<T: Arithmetic>(a: &Mat3<T>) -> Mat3<T> {
     [
         [a[0][0], a[1][0], a[2][0]],
         [a[0][1], a[1][1], a[2][1]],
@@ -114,26 +114,26 @@ pub fn transpose<T: Real>(a: &Mat3<T>) -> Mat3<T> {
 
 /// A v.
 #[inline(always)]
-pub fn matvec<T: Real>(a: &Mat3<T>, v: Vec3<T>) -> Vec3<T> {
+pub fn matvec<T: Arithmetic>(a: &Mat3<T>, v: Vec3<T>) -> Vec3<T> {
     [dot(a[0], v), dot(a[1], v), dot(a[2], v)]
 }
 
 /// det A.
 #[inline(always)]
-pub fn det<T: Real>(a: &Mat3<T>) -> T {
+pub fn det<T: Arithmetic>(a: &Mat3<T>) -> T {
     dot(a[0], cross(a[1], a[2]))
 }
 
 /// A⁻ᵀ, the cofactor matrix over the determinant.
 #[inline(always)]
-pub fn transpose_inverse<T: Real>(a: &Mat3<T>) -> Mat3<T> {
+pub fn transpose_inverse<T: Arithmetic>(a: &Mat3<T>) -> Mat3<T> {
     let cofactors = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])];
     let inverse_det = T::one() / dot(a[0], cofactors[0]);
     cofactors.map(|row| mul(row, inverse_det))
 }
 
 /// Rotation matrix of a unit quaternion (x, y, z, w).
-pub fn rotation_of_quaternion<T: Real>(q: [T; 4]) -> Mat3<T> {
+pub fn rotation_of_quaternion<T: Arithmetic>(q: [T; 4]) -> Mat3<T> {
     let [x, y, z, w] = q;
     let two = |a: T| a.scale(2.0);
     [

@@ -126,8 +126,10 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::TooThin { .. } => "refused: too thin for the grid",
         Cause::Unreachable { .. } => "refused: unreachable",
         Cause::TooLong { .. } => "refused: too long",
+        Cause::Memory { .. } => "refused: too little memory",
         Cause::BadParameter { .. } => "refused: bad parameter",
         Cause::NoRest { .. } => "refused: no pose at rest",
+        Cause::HangsAtStart => "refused: hangs at the start",
         Cause::RestsOnTable { .. } => "refused: rests on the table",
     }
 }

@@ -1,0 +1,127 @@
+//! Derivative of the grid update: settling, weight, table with friction, clamps.
+//!
+//! Only the velocities after the update are kept. What a node had before them follows from them: the
+//! springs of clamps and table are linear, and friction takes a known amount along a known direction.
+
+use super::Precision;
+use crate::sim::tensor::{Vec3, dot, mul, scaled, sub};
+
+/// What acts on a node.
+pub(super) struct NodeForces<'a, F> {
+    pub(super) mass: F,
+    /// Stiffness of the clamps as a mass, and that times the velocity they ask for.
+    pub(super) clamp: &'a [F; 4],
+    /// The same for the table's push upward.
+    pub(super) contact: &'a [F; 2],
+    pub(super) friction: F,
+}
+
+/// Derivatives of the result with respect to what entered a node.
+pub(super) struct NodeCotangent<F> {
+    /// The velocity before table and clamps, and what it was.
+    pub(super) velocity: Vec3<F>,
+    pub(super) before: Vec3<F>,
+    pub(super) mass: F,
+    pub(super) clamp: [F; 4],
+    pub(super) contact: [F; 2],
+    pub(super) friction: F,
+}
+
+impl<F: Precision> NodeForces<'_, F> {
+    /// Pulls `bar` back, the derivative with respect to the velocity `after` the update.
+    #[inline(always)]
+    pub(super) fn pull_back(&self, after: Vec3<F>, bar: Vec3<F>) -> NodeCotangent<F> {
+        let zero = F::zero();
+        let mut out = NodeCotangent {
+            velocity: bar,
+            before: after,
+            mass: zero,
+            clamp: [zero; 4],
+            contact: [zero; 2],
+            friction: zero,
+        };
+        if self.clamp[0] > zero {
+            self.pull_back_clamp(&mut out);
+        }
+        if self.contact[0] > zero && out.before[2] * self.contact[0] < self.contact[1] {
+            self.pull_back_table(&mut out);
+        }
+        out
+    }
+
+    /// v' = (m v + K v_c)/(m + K), undone and differentiated.
+    fn pull_back_clamp(&self, out: &mut NodeCotangent<F>) {
+        let [stiffness, px, py, pz] = *self.clamp;
+        let after = out.before;
+        let total = self.mass + stiffness;
+        let asked = [px, py, pz];
+        let before = mul(sub(mul(after, total), asked), F::one() / self.mass);
+        let bar = mul(out.velocity, F::one() / total);
+        out.clamp = [-dot(bar, after), bar[0], bar[1], bar[2]];
+        out.mass += dot(bar, sub(before, after));
+        out.velocity = mul(bar, self.mass);
+        out.before = before;
+        // A node that sticks has no tangential velocity; undoing the clamp leaves rounding in place
+        // of that zero.
+        let rounding = 8.0 * F::EPSILON / self.mass.value();
+        for k in 0..2 {
+            let size = (after[k] * total).value().abs() + asked[k].value().abs();
+            if before[k].value().abs() <= rounding * size {
+                out.before[k] = F::zero();
+            }
+        }
+    }
+
+    /// `held` = (m v_z + K v_asked)/(m + K), and friction by its push.
+    fn pull_back_table(&self, out: &mut NodeCotangent<F>) {
+        let [stiffness, asked] = *self.contact;
+        let [x, y, held] = out.before;
+        let [bar_x, bar_y, mut bar_held] = out.velocity;
+        let total = self.mass + stiffness;
+        let falling = (held * total - asked) / self.mass;
+        let push = held - falling;
+        let mut bar_falling = F::zero();
+        let speed = (x * x + y * y).sqrt();
+        if speed > F::zero() {
+            // Slip: the speed before is the speed after and what friction took.
+            let taken = self.friction * push;
+            let before = speed + taken;
+            let grown = before / speed;
+            out.before[0] = x * grown;
+            out.before[1] = y * grown;
+            let kept = speed / before;
+            let along = [x / speed, y / speed];
+            let bar_speed = bar_x * along[0] + bar_y * along[1];
+            // Across the motion the velocity keeps its share, along it a change is kept whole.
+            let whole = bar_speed * (F::one() - kept);
+            out.velocity[0] = bar_x * kept + along[0] * whole;
+            out.velocity[1] = bar_y * kept + along[1] * whole;
+            out.friction = -(bar_speed * push);
+            let bar_push = -(bar_speed * self.friction);
+            bar_held += bar_push;
+            bar_falling -= bar_push;
+        } else {
+            // Stick: nothing before makes a difference.
+            out.velocity[0] = F::zero();
+            out.velocity[1] = F::zero();
+        }
+        let bar = bar_held / total;
+        out.contact = [-(bar * held), bar];
+        out.mass += bar * (falling - held);
+        out.velocity[2] = bar * self.mass + bar_falling;
+        out.before[2] = falling;
+    }
+}
+
+/// Derivatives of v = decay n/M + g dt with respect to momentum n, gravity g and mass M.
+#[inline(always)]
+pub(super) fn pull_back_fall<F: Precision>(
+    cotangent: &NodeCotangent<F>,
+    inverse_mass: F,
+    fall: Vec3<F>,
+    decay: f64,
+) -> (Vec3<F>, F) {
+    let bar = mul(cotangent.velocity, inverse_mass);
+    let moved = sub(cotangent.before, fall);
+    (scaled(bar, decay), -dot(bar, moved))
+}

@@ -1,0 +1,176 @@
+//! Derivative with respect to the paths of the clamps: from forces on gripped particles to the motion
+//! of the clamp, through the laws that disturb it, to the knots.
+
+use super::state::total;
+use super::var::{Session, Var};
+use crate::sim::clamp::{ClampPath, KnotShift, PathShift, RigidMotion, Span};
+use crate::sim::lanes::Lanes;
+use crate::sim::physics::{Physics, Pose};
+use crate::sim::real::{Arithmetic, Real};
+use crate::sim::rollout::Setup;
+use crate::sim::tensor::{Mat3, Vec3};
+use std::cell::RefCell;
+
+/// Derivative with respect to one knot of a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KnotGradient {
+    /// With respect to its pose, per m and per unit of the quaternion.
+    pub pose: [f64; 7],
+    /// With respect to the rate of its pose, s times that.
+    pub rate: [f64; 7],
+}
+
+/// Derivative with respect to the end of a straight path while its timing stays: for the bottom grip of
+/// a swing, with respect to the release point.
+pub fn release_gradient(path: &ClampPath, knots: &[KnotGradient]) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for ([share, rate], knot) in path.shares_of_end().into_iter().zip(knots) {
+        for k in 0..3 {
+            sum[k] += share * knot.pose[k] + rate * knot.rate[k];
+        }
+    }
+    sum
+}
+
+/// Derivatives with respect to the motion of a clamp in one step.
+#[derive(Clone, Copy, Default)]
+pub(super) struct MotionCotangent {
+    position: Vec3<f64>,
+    rotation: Mat3<f64>,
+}
+
+impl MotionCotangent {
+    /// Adds those of a register of particles: `bar` with respect to their places, which lie at
+    /// `offset_m` from the clamp.
+    pub(super) fn add<L: Lanes>(&mut self, bar: Vec3<L>, offset_m: &Vec3<L>) {
+        for a in 0..3 {
+            self.position[a] += total(bar[a]);
+            for b in 0..3 {
+                self.rotation[a][b] += total(bar[a] * offset_m[b]);
+            }
+        }
+    }
+}
+
+/// Gradients with respect to all knots, as they grow on the way back.
+pub(super) struct PathGradients {
+    pub(super) grips: Vec<Vec<KnotGradient>>,
+    /// The physics' path shifts as constants.
+    shifts: Vec<PathShift<Var>>,
+}
+
+impl PathGradients {
+    pub(super) fn new(setup: &Setup<Var>) -> Self {
+        let constant = |pose: &Pose<Var>| pose.map(|x| Var::of(x.value()));
+        let knot = |knot: &KnotShift<Var>| KnotShift {
+            pose: constant(&knot.pose),
+            rate: constant(&knot.rate),
+        };
+        let shift = |shift: &PathShift<Var>| PathShift {
+            grip: shift.grip,
+            knots: shift.knots.iter().map(knot).collect(),
+        };
+        let paths = setup.scene.grips.iter().map(|grip| &grip.path);
+        Self {
+            grips: paths
+                .map(|p| vec![KnotGradient::default(); p.knots().len()])
+                .collect(),
+            shifts: setup.context.physics.path_shifts.iter().map(shift).collect(),
+        }
+    }
+
+    /// Carries the derivative with respect to the motion of grip `index` in step `number` on to the
+    /// knots, and to the parameters of the path laws.
+    pub(super) fn pull_back(
+        &mut self,
+        session: &Session,
+        setup: &Setup<Var>,
+        index: usize,
+        number: usize,
+        bar: &MotionCotangent,
+    ) {
+        let path = &setup.scene.grips[index].path;
+        let shift = self.shifts.iter().find(|shift| shift.grip == index);
+        let mark = session.mark();
+        let inputs = || -> Pose<Var> { std::array::from_fn(|_| session.input(0.0)) };
+        let plus = |pose: Pose<Var>, by: &Pose<Var>| std::array::from_fn(|k| pose[k] + by[k]);
+        // Every pose that the laws read, and when, is an input of its own.
+        let reads: RefCell<Vec<(f64, Pose<Var>)>> = RefCell::default();
+        let recorded = |t_s: Var| {
+            let pose = match shift {
+                Some(shift) => path.shifted_pose(shift, t_s),
+                None => path.pose(t_s),
+            };
+            let input = inputs();
+            reads.borrow_mut().push((t_s.value(), input));
+            plus(pose, &input)
+        };
+        let first = path.knots()[0].pose;
+        let start = match shift {
+            Some(shift) => plus(first.map(Var::of), &shift.knots[0].pose),
+            None => first.map(Var::of),
+        };
+        let first_input = inputs();
+        let t_s = setup.time_s(number) + setup.context.dt_s;
+        let motion = RigidMotion::at(
+            &recorded,
+            &plus(start, &first_input),
+            [first[0], first[1], first[2]],
+            &setup.context.physics.path_laws,
+            t_s,
+        );
+        for a in 0..3 {
+            session.seed(motion.position_m[a], bar.position[a]);
+            for b in 0..3 {
+                session.seed(motion.rotation[a][b], bar.rotation[a][b]);
+            }
+        }
+        session.sweep(mark);
+        let knots = &mut self.grips[index];
+        for k in 0..7 {
+            knots[0].pose[k] += session.adjoint(first_input[k]);
+        }
+        for (t_s, input) in reads.into_inner() {
+            distribute(path, t_s, input.map(|x| session.adjoint(x)), knots);
+        }
+        session.rewind(mark);
+    }
+
+    /// Hands the gradients on to the path shifts, where these follow from parameters.
+    pub(super) fn seed_shifts(&self, session: &Session, physics: &Physics<Var>) {
+        for shift in &physics.path_shifts {
+            for (knot, bar) in shift.knots.iter().zip(&self.grips[shift.grip]) {
+                for k in 0..7 {
+                    session.seed(knot.pose[k], bar.pose[k]);
+                    session.seed(knot.rate[k], bar.rate[k]);
+                }
+            }
+        }
+    }
+}
+
+/// The transpose of interpolation: a derivative with respect to the pose at a time, shared out among
+/// the knots around it.
+fn distribute(path: &ClampPath, t_s: f64, bar: [f64; 7], knots: &mut [KnotGradient]) {
+    match path.span(t_s) {
+        Span::At(i) => {
+            for k in 0..7 {
+                knots[i].pose[k] += bar[k];
+            }
+        }
+        Span::Beyond(i, since) => {
+            for k in 0..7 {
+                knots[i].pose[k] += bar[k];
+                knots[i].rate[k] += since * bar[k];
+            }
+        }
+        Span::After(i, weights) => {
+            for k in 0..7 {
+                knots[i].pose[k] += (1.0 - weights.along) * bar[k];
+                knots[i].rate[k] += weights.start_rate * bar[k];
+                knots[i + 1].pose[k] += weights.along * bar[k];
+                knots[i + 1].rate[k] += weights.end_rate * bar[k];
+            }
+        }
+    }
+}

@@ -1,0 +1,537 @@
+//! The way back over a rollout, step by step, from its end to its start.
+
+use super::laws::{LawCotangent, has_laws, pull_back_laws};
+use super::nodes::{NodeForces, pull_back_fall};
+use super::paths::{MotionCotangent, PathGradients};
+use super::seeds::Seeds;
+use super::state::{StateCotangent, total};
+use super::stress::pull_back_piola;
+use super::var::{Session, Var};
+use super::{Checkpoint, Family, Gradient, Precision, Record};
+use crate::sim::clamp::{RigidMotion, STIFFNESS};
+use crate::sim::error::SimError;
+use crate::sim::lanes::{Instructions, Lanes};
+use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS};
+use crate::sim::real::Arithmetic;
+use crate::sim::rollout::Setup;
+use crate::sim::sweep::Sweep;
+use crate::sim::tensor::{Mat3, Vec3, scaled};
+
+/// Runs back over a rollout. `engine` is as the last step left it.
+#[inline(always)]
+pub(super) fn gradient<F: Precision, I: Instructions, M: Family>(
+    setup: &Setup<F>,
+    engine: Sweep<F, I>,
+    mut record: Record<F, I>,
+    mut seeds: Seeds,
+    family: &M,
+    theta: &[f64],
+) -> Result<Gradient, SimError> {
+    let session = Session::open();
+    let inputs: Vec<Var> = theta.iter().map(|&x| session.input(x)).collect();
+    let physics = family.physics(&inputs);
+    let vars = Setup::new(setup.scene, &physics)?;
+    let shape = (setup.layout.slices.len(), setup.layout.section_m.len());
+    let mut back = WayBack::new(setup, &vars, &session, engine);
+    seeds.add(setup.steps, shape, &mut back.bars);
+    for segment in (0..record.plan.segments).rev() {
+        let range = record.plan.range(segment, setup.steps);
+        let checkpoint = record.checkpoints.pop().expect("every segment has a checkpoint");
+        let nodes = match record.nodes.pop() {
+            Some(nodes) => nodes,
+            None => back.repeat(&checkpoint, range.clone())?,
+        };
+        let count = back.node_bars.len();
+        let of_step = |number: usize| &nodes[(number - range.start) * count..][..count];
+        for number in range.clone().rev() {
+            if number > range.start {
+                back.undo(of_step(number - 1));
+            } else {
+                back.restore(&checkpoint);
+            }
+            back.step(number, of_step(number));
+            seeds.add(number, shape, &mut back.bars);
+        }
+    }
+    Ok(back.finish(&inputs))
+}
+
+/// Derivatives with respect to coefficients, summed over particles and steps.
+#[derive(Default)]
+struct Totals {
+    lame: [f64; 2],
+    friction: f64,
+    gravity: [f64; 3],
+}
+
+struct WayBack<'a, F: Precision, I: Instructions> {
+    setup: &'a Setup<'a, F>,
+    vars: &'a Setup<'a, Var>,
+    session: &'a Session,
+    /// The rope before the step at hand.
+    engine: Sweep<F, I>,
+    /// Its dx Ḟ, by block and member.
+    rates: Vec<Mat3<F::Plain<I>>>,
+    /// Derivatives with respect to that state.
+    bars: Vec<StateCotangent<F::Plain<I>>>,
+    /// Derivatives with respect to the nodes: velocity, then momentum; clamps; contact.
+    node_bars: Vec<F>,
+    clamp_bars: Vec<F>,
+    contact_bars: Vec<F>,
+    /// Derivatives with respect to masses, by node and by particle; only filled where masses depend on
+    /// parameters.
+    node_mass_bars: Vec<f64>,
+    mass_bars: Vec<f64>,
+    weighed: bool,
+    totals: Totals,
+    paths: PathGradients,
+    force_field: Vec<Vec<Vec3<f64>>>,
+    scratch: Vec<F::Plain<I>>,
+}
+
+impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
+    fn new(
+        setup: &'a Setup<'a, F>,
+        vars: &'a Setup<'a, Var>,
+        session: &'a Session,
+        engine: Sweep<F, I>,
+    ) -> Self {
+        let nodes = engine.transfer.planes * engine.transfer.width;
+        let field = setup.context.physics.force_field.as_ref();
+        let zeros = |block: &Vec<Vec3<F>>| vec![[0.0; 3]; block.len()];
+        let zero = F::Plain::<I>::zero();
+        let mut back = Self {
+            rates: vec![[[zero; 3]; 3]; engine.bodies.len()],
+            bars: vec![StateCotangent::zero(); engine.bodies.len()],
+            node_bars: vec![F::zero(); 3 * nodes],
+            clamp_bars: vec![F::zero(); CLAMP_ROWS * nodes],
+            contact_bars: vec![F::zero(); CONTACT_ROWS * nodes],
+            node_mass_bars: vec![0.0; nodes],
+            mass_bars: vec![0.0; setup.masses_kg.len()],
+            weighed: !setup.context.physics.mass_laws.is_empty(),
+            totals: Totals::default(),
+            paths: PathGradients::new(vars),
+            force_field: field.map_or(Vec::new(), |f| f.force_n_m.iter().map(zeros).collect()),
+            scratch: vec![zero; 2 * CLAMP_ROWS * engine.transfer.width],
+            setup,
+            vars,
+            session,
+            engine,
+        };
+        // The last velocities of the nodes are still there.
+        let last = back.engine.nodes.velocity.channel(0).to_vec();
+        back.look_up(&last);
+        back
+    }
+
+    fn members(&self) -> usize {
+        self.setup.context.section
+    }
+
+    fn count() -> usize {
+        <F::Plain<I> as Lanes>::COUNT
+    }
+
+    /// Simulates the steps of a segment again from its checkpoint; returns their node velocities.
+    fn repeat(
+        &mut self,
+        checkpoint: &Checkpoint<F, I>,
+        range: std::ops::Range<usize>,
+    ) -> Result<Vec<F>, SimError> {
+        let end = std::mem::replace(&mut self.engine.bodies, checkpoint.bodies.clone());
+        let velocities = self.engine.nodes.velocity.channel_mut(0);
+        velocities.copy_from_slice(&checkpoint.nodes);
+        let mut nodes = Vec::with_capacity(range.len() * velocities.len());
+        self.engine.nodes.forget();
+        for number in range {
+            let motions = self.setup.motions(number);
+            self.setup.sweep(&mut self.engine, number, &motions)?;
+            self.setup.update_nodes(&mut self.engine, number);
+            nodes.extend_from_slice(self.engine.nodes.velocity.channel(0));
+        }
+        self.engine.bodies = end;
+        Ok(nodes)
+    }
+
+    /// Takes the particles to the state that follows a checkpoint.
+    fn restore(&mut self, checkpoint: &Checkpoint<F, I>) {
+        let members = self.members();
+        self.engine.bodies.copy_from_slice(&checkpoint.bodies);
+        let velocities = self.engine.nodes.velocity.channel_mut(0);
+        velocities.copy_from_slice(&checkpoint.nodes);
+        for block in 0..self.engine.transfer.blocks() {
+            self.engine.move_bodies(&self.setup.context, block, 0);
+            let rates = &mut self.rates[block * members..(block + 1) * members];
+            rates.copy_from_slice(&self.engine.scratch.rates);
+        }
+    }
+
+    /// Velocities and rates of the particles from those of the nodes.
+    #[inline(always)]
+    fn look_up(&mut self, nodes: &[F]) {
+        let members = self.members();
+        for block in 0..self.engine.transfer.blocks() {
+            let transfer = &self.engine.transfer;
+            transfer.read_planes(block, 3, nodes, &mut self.scratch);
+            for member in 0..members {
+                let index = block * members + member;
+                let (velocity, rate) = transfer.gather(block, member, &self.scratch);
+                self.engine.bodies[index].velocity_m_s = velocity;
+                self.rates[index] = rate;
+            }
+        }
+    }
+
+    /// Takes the particles back by one step. `before` holds the velocities of the nodes after the step
+    /// before.
+    #[inline(always)]
+    fn undo(&mut self, before: &[F]) {
+        let dt_s = self.setup.context.dt_s;
+        let back = F::Plain::<I>::of(-dt_s);
+        let back_per_cell = F::Plain::<I>::of(-dt_s / self.setup.scene.grid.spacing_m);
+        for (body, rate) in self.engine.bodies.iter_mut().zip(&self.rates) {
+            for a in 0..3 {
+                body.position_m[a] = body.velocity_m_s[a].times_plus(back, body.position_m[a]);
+                for b in 0..3 {
+                    let f = &mut body.deformation_gradient[a][b];
+                    *f = rate[a][b].times_plus(back_per_cell, *f);
+                }
+            }
+        }
+        self.look_up(before);
+    }
+
+    /// Carries the derivatives over one step. `after` holds the nodes' velocities after it.
+    #[inline(always)]
+    fn step(&mut self, number: usize, after: &[F]) {
+        let motions = self.setup.motions(number);
+        self.engine.nodes.forget();
+        self.engine.springs(&self.setup.context, &motions);
+        self.spread();
+        self.nodes(after, self.setup.decay(number));
+        self.particles(number);
+        if self.engine.nodes.constrained.iter().any(|&c| c) {
+            self.clamps(&motions, number);
+            self.contact();
+        }
+    }
+
+    /// Transpose of the transfer from the grid.
+    #[inline(always)]
+    fn spread(&mut self) {
+        let members = self.members();
+        let dt_s = self.setup.context.dt_s;
+        let dt = F::Plain::<I>::of(dt_s);
+        let dt_per_cell = F::Plain::<I>::of(dt_s / self.setup.scene.grid.spacing_m);
+        let four = F::Plain::<I>::of(4.0);
+        let transfer = &self.engine.transfer;
+        self.node_bars.fill(F::zero());
+        for (block, bars) in self.bars.chunks(members).enumerate() {
+            let nodes = &mut self.scratch[..6 * transfer.width];
+            nodes.fill(F::Plain::<I>::zero());
+            for (member, bar) in bars.iter().enumerate() {
+                let (mut value, mut slope) = (bar.velocity, bar.rate);
+                for a in 0..3 {
+                    value[a] = bar.position[a].times_plus(dt, value[a]);
+                    for b in 0..3 {
+                        let through_f = bar.deformation_gradient[a][b];
+                        slope[a][b] = through_f.times_plus(dt_per_cell, slope[a][b]) * four;
+                    }
+                }
+                transfer.scatter(block, member, &value, &slope, nodes);
+            }
+            transfer.add_to_planes(block, 3, true, nodes, &mut self.node_bars);
+        }
+    }
+
+    /// Derivatives with respect to velocities become those with respect to momenta.
+    #[inline(always)]
+    fn nodes(&mut self, after: &[F], decay: f64) {
+        let width = self.engine.transfer.width;
+        let mut gravity = [F::Plain::<I>::zero(); 3];
+        let constrained = self.engine.nodes.constrained.iter().any(|&c| c);
+        if constrained {
+            self.clamp_bars.fill(F::zero());
+            self.contact_bars.fill(F::zero());
+        }
+        for plane in 0..self.engine.transfer.planes {
+            if self.engine.nodes.constrained[plane] || self.weighed {
+                for node in 0..width {
+                    self.node(plane, node, after, decay);
+                }
+                continue;
+            }
+            let inverse = &self.engine.nodes.inverse_mass.channel(0)[plane * width..];
+            for (a, gravity) in gravity.iter_mut().enumerate() {
+                let row = &mut self.node_bars[(3 * plane + a) * width..][..width];
+                for node in (0..width).step_by(Self::count()) {
+                    let bar = F::Plain::<I>::load(&row[node..]);
+                    *gravity += bar;
+                    let scale = F::Plain::<I>::load(&inverse[node..]).scale(decay);
+                    (bar * scale).store(&mut row[node..]);
+                }
+            }
+        }
+        for a in 0..3 {
+            self.totals.gravity[a] += total(gravity[a]) * self.setup.context.dt_s;
+        }
+    }
+
+    /// The same for one node with all that may act on it.
+    fn node(&mut self, plane: usize, node: usize, after: &[F], decay: f64) {
+        let (context, width) = (&self.setup.context, self.engine.transfer.width);
+        let at = |rows: usize, row: usize| (plane * rows + row) * width + node;
+        let nodes = &self.engine.nodes;
+        let mass = nodes.mass.channel(0)[at(1, 0)];
+        if mass.value() == 0.0 {
+            return;
+        }
+        let forces = NodeForces {
+            mass,
+            clamp: &std::array::from_fn(|row| nodes.clamps.channel(0)[at(CLAMP_ROWS, row)]),
+            contact: &std::array::from_fn(|row| nodes.contact.channel(0)[at(CONTACT_ROWS, row)]),
+            friction: context.physics.friction,
+        };
+        let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
+        let bar = forces.pull_back(vector(after), vector(&self.node_bars));
+        let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
+        let inverse = nodes.inverse_mass.channel(0)[at(1, 0)];
+        let (momentum, by_mass) = pull_back_fall(&bar, inverse, fall, decay);
+        for a in 0..3 {
+            self.node_bars[at(3, a)] = momentum[a];
+            self.totals.gravity[a] += bar.velocity[a].value() * context.dt_s;
+        }
+        for row in 0..CLAMP_ROWS {
+            self.clamp_bars[at(CLAMP_ROWS, row)] = bar.clamp[row];
+        }
+        for row in 0..CONTACT_ROWS {
+            self.contact_bars[at(CONTACT_ROWS, row)] = bar.contact[row];
+        }
+        self.totals.friction += bar.friction.value();
+        self.node_mass_bars[at(1, 0)] += (by_mass + bar.mass).value();
+    }
+
+    /// Transpose of the transfer to the grid, then what made the momenta.
+    #[inline(always)]
+    fn particles(&mut self, number: usize) {
+        let (members, context) = (self.members(), &self.setup.context);
+        let (quarter, dt) = (F::Plain::<I>::of(0.25), F::Plain::<I>::of(context.dt_s));
+        let lawful = has_laws(self.vars.context.physics);
+        let pushed = self.setup.forces(number).is_some();
+        let mut lame = [F::Plain::<I>::zero(); 2];
+        for block in 0..self.engine.transfer.blocks() {
+            let stress_scale = -(self.engine.stress_scales[block] * quarter);
+            let transfer = &self.engine.transfer;
+            transfer.read_planes(block, 3, &self.node_bars, &mut self.scratch);
+            let mut force = [F::Plain::<I>::zero(); 3];
+            for member in 0..members {
+                let index = block * members + member;
+                let body = &self.engine.bodies[index];
+                let (momentum, change) = self.engine.transfer.gather(block, member, &self.scratch);
+                let stress = change.map(|row| row.map(|x| x * stress_scale));
+                let elastic = pull_back_piola(&body.deformation_gradient, &self.engine.lame[0], &stress);
+                let mass = body.mass_kg * quarter;
+                let bar = &mut self.bars[index];
+                for k in 0..2 {
+                    lame[k] += elastic.lame[k];
+                }
+                for a in 0..3 {
+                    force[a] += momentum[a];
+                    bar.velocity[a] = momentum[a] * body.mass_kg;
+                    for b in 0..3 {
+                        bar.rate[a][b] = change[a][b] * mass;
+                        bar.deformation_gradient[a][b] += elastic.deformation_gradient[a][b];
+                    }
+                }
+                if lawful {
+                    let wanted = LawCotangent {
+                        force: momentum.map(|x| x * dt),
+                        stress,
+                    };
+                    let state = (body, &self.rates[index]);
+                    pull_back_laws::<F, I>(self.session, self.vars, (block, member), state, &wanted, bar);
+                }
+                if self.weighed {
+                    self.weigh(block, member, &momentum, &change);
+                }
+            }
+            if pushed {
+                self.push(number, block, force);
+            }
+        }
+        for k in 0..2 {
+            self.totals.lame[k] += total(lame[k]);
+        }
+    }
+
+    /// Adds values of a register, one per slice of a block, to those of the masses of a member.
+    fn add_to_masses(&mut self, block: usize, member: usize, values: F::Plain<I>) {
+        let slices = self.setup.layout.slices.len();
+        let first = block * Self::count();
+        for (lane, value) in values.to_lanes().into_iter().enumerate().take(slices - first) {
+            if lane < Self::count() {
+                self.mass_bars[(first + lane) * self.setup.context.section + member] += value.value();
+            }
+        }
+    }
+
+    /// Derivative with respect to the masses that carry momentum.
+    fn weigh(
+        &mut self,
+        block: usize,
+        member: usize,
+        momentum: &Vec3<F::Plain<I>>,
+        change: &Mat3<F::Plain<I>>,
+    ) {
+        let index = block * self.members() + member;
+        let (velocity, rate) = (self.engine.bodies[index].velocity_m_s, self.rates[index]);
+        let mut sum = F::Plain::<I>::zero();
+        for a in 0..3 {
+            sum = momentum[a].times_plus(velocity[a], sum);
+            for b in 0..3 {
+                sum = change[a][b].times_plus(rate[a][b].scale(0.25), sum);
+            }
+        }
+        self.add_to_masses(block, member, sum);
+    }
+
+    /// Derivative with respect to the force field; `momentum` is summed over the members of the slices.
+    fn push(&mut self, number: usize, block: usize, momentum: Vec3<F::Plain<I>>) {
+        let field = self.setup.context.physics.force_field.as_ref();
+        let Some(at) = field.and_then(|f| f.block(self.setup.time_s(number))) else {
+            return;
+        };
+        let slices = &self.setup.layout.slices;
+        let first = block * Self::count();
+        let share = self.setup.context.dt_s / self.members() as f64;
+        for a in 0..3 {
+            let lanes = momentum[a].to_lanes();
+            for lane in 0..Self::count().min(slices.len() - first) {
+                let length_m = slices[first + lane].length_m;
+                self.force_field[at][first + lane][a] += share * length_m * lanes[lane].value();
+            }
+        }
+    }
+
+    /// From the clamps' springs to the particles and to the motion of the clamps.
+    fn clamps(&mut self, motions: &[Option<RigidMotion<F>>], number: usize) {
+        let members = self.members();
+        let per_step = F::Plain::<I>::of(1.0 / self.setup.context.dt_s);
+        let splat = |x: F| F::Plain::<I>::splat(x);
+        let mut of_motions = vec![MotionCotangent::default(); motions.len()];
+        for held in 0..self.engine.held.len() {
+            let (block, grip) = (self.engine.held[held].block, self.engine.held[held].grip);
+            let Some(motion) = &motions[grip] else { continue };
+            let width = self.engine.transfer.width;
+            let transfer = &self.engine.transfer;
+            transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
+            let springs = self.engine.held[held].mask.scale(STIFFNESS);
+            for member in 0..members {
+                let index = block * members + member;
+                let (body, offset) = (
+                    &self.engine.bodies[index],
+                    &self.engine.held[held].offsets_m[member],
+                );
+                let row = |row: usize| {
+                    let nodes = &self.scratch[row * width..(row + 1) * width];
+                    self.engine.transfer.gather_value(member, nodes)
+                };
+                let stiffness = body.mass_kg * springs;
+                let mut by_mass = row(0);
+                let place: Vec3<F::Plain<I>> = std::array::from_fn(|a| {
+                    let bar = row(a + 1);
+                    let mut gap = splat(motion.position_m[a]) - body.position_m[a];
+                    for b in 0..3 {
+                        gap = splat(motion.rotation[a][b]).times_plus(offset[b], gap);
+                    }
+                    by_mass += bar * gap * per_step;
+                    bar * stiffness * per_step
+                });
+                of_motions[grip].add(place, offset);
+                for a in 0..3 {
+                    self.bars[index].position[a] -= place[a];
+                }
+                if self.weighed {
+                    self.add_to_masses(block, member, by_mass * springs);
+                }
+            }
+        }
+        for (grip, bar) in of_motions.iter().enumerate() {
+            if motions[grip].is_some() {
+                self.paths.pull_back(self.session, self.vars, grip, number, bar);
+            }
+        }
+    }
+
+    /// From the table's springs to the heights of the slices.
+    fn contact(&mut self) {
+        let (members, context) = (self.members(), &self.setup.context);
+        let Some(table_m) = context.table_m else { return };
+        let width = self.engine.transfer.width;
+        let lowest = F::Plain::<I>::of(table_m + 0.5 * context.diameter_m);
+        for block in 0..self.engine.transfer.blocks() {
+            let bodies = &self.engine.bodies[block * members..(block + 1) * members];
+            let mut height = F::Plain::<I>::zero();
+            for body in bodies {
+                height += body.position_m[2];
+            }
+            let gap = height.scale(1.0 / members as f64) - lowest;
+            let Some(near) = self.engine.near(gap) else {
+                continue;
+            };
+            let asked = gap.scale(-1.0 / context.dt_s);
+            let transfer = &self.engine.transfer;
+            transfer.read_planes(block, CONTACT_ROWS, &self.contact_bars, &mut self.scratch);
+            let mut bar_asked = F::Plain::<I>::zero();
+            for member in 0..members {
+                let transfer = &self.engine.transfer;
+                let bar_stiffness = transfer.gather_value(member, &self.scratch[..width]);
+                let bar_push = transfer.gather_value(member, &self.scratch[width..2 * width]);
+                let mass = self.engine.bodies[block * members + member].mass_kg;
+                bar_asked = bar_push.times_plus(mass * near, bar_asked);
+                if self.weighed {
+                    let by_mass = asked.times_plus(bar_push, bar_stiffness);
+                    self.add_to_masses(block, member, by_mass * near);
+                }
+            }
+            // The slice asks for −(mean height − lowest)/dt.
+            let bar_height = bar_asked.scale(1.0 / (context.dt_s * members as f64));
+            for bar in &mut self.bars[block * members..(block + 1) * members] {
+                bar.position[2] -= bar_height;
+            }
+        }
+    }
+
+    /// Hands all sums to the parameters.
+    fn finish(mut self, inputs: &[Var]) -> Gradient {
+        let (session, context) = (self.session, &self.vars.context);
+        let [mu, lambda] = self.totals.lame;
+        session.seed(context.lame.mu, mu);
+        session.seed(context.lame.lambda, lambda);
+        session.seed(context.physics.friction, self.totals.friction);
+        for k in 0..3 {
+            session.seed(context.physics.gravity_m_s2[k], self.totals.gravity[k]);
+        }
+        for (index, mass) in self.vars.masses_kg.iter().enumerate() {
+            let (slice, member) = (index / context.section, index % context.section);
+            let transfer = &self.engine.transfer;
+            self.mass_bars[index] += transfer.weigh_back(slice, member, &self.node_mass_bars);
+            session.seed(*mass, self.mass_bars[index]);
+        }
+        self.paths.seed_shifts(session, context.physics);
+        if let Some(field) = &context.physics.force_field {
+            let vars = field.force_n_m.iter().flatten();
+            for (var, bar) in vars.zip(self.force_field.iter().flatten()) {
+                for k in 0..3 {
+                    session.seed(var[k], bar[k]);
+                }
+            }
+        }
+        session.sweep(0);
+        Gradient {
+            theta: inputs.iter().map(|&x| session.adjoint(x)).collect(),
+            paths: self.paths.grips,
+            force_field: self.force_field,
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Where the result touches the rollout: the derivatives that enter the way back.
+
+use super::state::StateCotangent;
+use super::{Cotangent, Precision};
+use crate::sim::lanes::Lanes;
+use crate::sim::real::Arithmetic;
+use crate::sim::rollout::{FrameMark, Recorder, Rollout};
+
+/// Derivatives of the result with respect to frames and reach, with the states they came from.
+pub(super) struct Seeds {
+    cotangent: Cotangent,
+    /// Of the frames that are still to come on the way back.
+    marks: Vec<FrameMark>,
+    reach_state: usize,
+}
+
+impl Seeds {
+    pub(super) fn new<F: Precision>(
+        cotangent: Cotangent,
+        recorder: &Recorder<F>,
+        rollout: &Rollout<F>,
+    ) -> Self {
+        let points = |frame: usize| rollout.frames.get(frame).map(Vec::len);
+        let fits = cotangent.frames.is_empty()
+            || cotangent.frames.len() == rollout.frames.len()
+                && (0..rollout.frames.len()).all(|f| points(f) == Some(cotangent.frames[f].len()));
+        assert!(fits, "one derivative per point of every frame");
+        Self {
+            marks: recorder.marks[..cotangent.frames.len()].to_vec(),
+            reach_state: recorder.reach_state,
+            cotangent,
+        }
+    }
+
+    /// Adds what the result takes from the state after `state` steps of a rope of `slices` slices, each
+    /// with `members` particles.
+    pub(super) fn add<L: Lanes>(
+        &mut self,
+        state: usize,
+        (slices, members): (usize, usize),
+        bars: &mut [StateCotangent<L>],
+    ) {
+        let share = 1.0 / members as f64;
+        let lanes = |block: usize, weight: &dyn Fn(usize) -> f64| {
+            L::from_lanes(|lane| {
+                let slice = block * L::COUNT + lane;
+                L::Scalar::of(if slice < slices { weight(slice) } else { 0.0 })
+            })
+        };
+        while let Some(mark) = self.marks.pop_if(|mark| mark.state == state) {
+            let frame = &self.cotangent.frames[self.marks.len()];
+            for (block, bars) in bars.chunks_mut(members).enumerate() {
+                for k in 0..3 {
+                    let place = lanes(block, &|slice| share * frame[slice][k]);
+                    for bar in &mut *bars {
+                        bar.position[k] += place;
+                        bar.velocity[k] += place.scale(mark.ahead_s);
+                    }
+                }
+            }
+        }
+        if state == self.reach_state && self.cotangent.reach != 0.0 {
+            let reach = std::mem::take(&mut self.cotangent.reach) * share;
+            // The tip is 3/2 of the last slice's middle less 1/2 of the one before.
+            let weight = |slice: usize| match slices - slice {
+                1 => 1.5 * reach,
+                2 => -0.5 * reach,
+                _ => 0.0,
+            };
+            for (block, bars) in bars.chunks_mut(members).enumerate() {
+                let x = lanes(block, &weight);
+                for bar in bars {
+                    bar.position[0] += x;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! How particles and nodes exchange momentum and velocity, in two stages.
+//!
+//! Every slice carries the same members, and weights are functions of undeformed coordinates, so the
+//! weight of a particle at a node is a product: its slice's weight on one of three planes of nodes
+//! across the rope, times its member's weight on one of nine nodes of a plane, which is the same for
+//! every slice. A slice therefore gathers its members on the nodes of *one* plane, with the change of
+//! the momentum along the rope kept beside it, and only these few nodes are spread over three planes;
+//! velocities take the same way back. A register holds the same member of as many slices as it has lanes.
+
+use super::grid::{GridSpec, half_offset};
+use super::kernel::weights;
+use super::lanes::{Lanes, MOST_LANES};
+use super::real::{Arithmetic, Real};
+use super::rope::RopeLayout;
+use super::tensor::{Mat3, Vec3, zero3};
+
+/// Nodes of a plane that a member meets.
+const NODES: usize = 9;
+
+/// How one member of a slice meets the nodes of a plane.
+#[derive(Clone, Debug)]
+pub struct Member<B> {
+    /// Places of the 3 × 3 nodes, last axis fastest.
+    nodes: [u16; NODES],
+    /// Weights of these nodes.
+    weights: [B; NODES],
+    /// Position relative to the middle node, cells, along (side, up).
+    offset: [B; 2],
+}
+
+/// How one slice meets the planes.
+#[derive(Clone, Copy, Debug)]
+pub struct SliceLink<B> {
+    /// The first of three planes.
+    pub plane: usize,
+    /// Weights of these planes.
+    pub weights: [B; 3],
+}
+
+/// The constant part of the exchange between the particles of a rope and its nodes.
+#[derive(Clone, Debug)]
+pub struct Transfer<L: Lanes> {
+    /// Members of every slice.
+    pub members: Vec<Member<L::Scalar>>,
+    /// Slices, filled up to whole registers with slices without weight.
+    pub slices: Vec<SliceLink<L::Scalar>>,
+    /// Position of the slices of each register relative to their middle plane, cells.
+    offsets: Vec<L>,
+    /// Places for nodes on a plane, a multiple of the lanes of any register.
+    pub width: usize,
+    /// Number of planes.
+    pub planes: usize,
+}
+
+impl<L: Lanes> Transfer<L> {
+    /// The exchange of a layout with a grid.
+    pub fn new(layout: &RopeLayout, spec: GridSpec) -> Self {
+        let (dx, shift) = (spec.spacing_m, spec.shift_cells);
+        let base = L::Scalar::of;
+        // Nodes without any member are left out of the planes.
+        let mut places: Vec<(i32, i32)> = Vec::new();
+        let members = layout
+            .section_m
+            .iter()
+            .map(|place| {
+                let axis = |k: usize| weights(place[k] / dx + half_offset(layout, dx) + shift[k + 1]);
+                let axes = [axis(0), axis(1)];
+                let node = |e: usize| (axes[0].0 + (e / 3) as i32, axes[1].0 + (e % 3) as i32);
+                Member {
+                    nodes: std::array::from_fn(|e| {
+                        let found = places.iter().position(|&p| p == node(e));
+                        found.unwrap_or_else(|| {
+                            places.push(node(e));
+                            places.len() - 1
+                        }) as u16
+                    }),
+                    weights: std::array::from_fn(|e| base(axes[0].2[e / 3] * axes[1].2[e % 3])),
+                    offset: [base(axes[0].1 - 1.0), base(axes[1].1 - 1.0)],
+                }
+            })
+            .collect();
+        let along = |arc_m: f64| weights(arc_m / dx + 4.0 + shift[0]);
+        let first = along(layout.slices[0].arc_m).0;
+        let mut slices = Vec::new();
+        let mut offset = Vec::new();
+        for slice in &layout.slices {
+            let (plane, place, weights) = along(slice.arc_m);
+            slices.push(SliceLink {
+                plane: (plane - first) as usize,
+                weights: weights.map(base),
+            });
+            offset.push(base(place - 1.0));
+        }
+        let planes = slices[slices.len() - 1].plane + 3;
+        while !slices.len().is_multiple_of(L::COUNT) {
+            slices.push(SliceLink {
+                plane: planes - 3,
+                weights: [base(0.0); 3],
+            });
+            offset.push(base(0.0));
+        }
+        Self {
+            members,
+            offsets: offset.chunks(L::COUNT).map(L::load).collect(),
+            slices,
+            width: places.len().next_multiple_of(MOST_LANES),
+            planes,
+        }
+    }
+
+    /// Adds the masses of the members of a slice to the nodes they meet, `width` nodes per plane.
+    pub fn weigh<T: Real<Base = L::Scalar>>(&self, slice: usize, masses_kg: &[T], nodes: &mut [T]) {
+        let link = &self.slices[slice];
+        for (member, &mass) in self.members.iter().zip(masses_kg) {
+            for i in 0..3 {
+                let part = mass.times(link.weights[i]);
+                for (&node, &weight) in member.nodes.iter().zip(&member.weights) {
+                    nodes[(link.plane + i) * self.width + node as usize] += part.times(weight);
+                }
+            }
+        }
+    }
+
+    /// The transpose for one member: Σ w of what is given at the nodes it meets.
+    pub fn weigh_back(&self, slice: usize, member: usize, nodes: &[f64]) -> f64 {
+        let (link, member) = (&self.slices[slice], &self.members[member]);
+        let mut sum = 0.0;
+        for i in 0..3 {
+            let plane = &nodes[(link.plane + i) * self.width..];
+            for (&node, &weight) in member.nodes.iter().zip(&member.weights) {
+                sum += link.weights[i].value() * weight.value() * plane[node as usize];
+            }
+        }
+        sum
+    }
+
+    /// Number of registers that hold one member of every slice.
+    pub fn blocks(&self) -> usize {
+        self.offsets.len()
+    }
+
+    /// The lanes of a register that are slices of the rope.
+    pub fn real_lanes(&self, block: usize, slices: usize) -> usize {
+        (slices - block * L::COUNT).min(L::COUNT)
+    }
+
+    /// Values at the nodes of each slice of a block, from values at the nodes of all planes: `rows` rows
+    /// of nodes per plane. Writes for every node Σ w v, then for every node Σ w v k with k = −1, 0, 1 the
+    /// number of the plane.
+    #[inline(always)]
+    pub fn read_planes(&self, block: usize, rows: usize, planes: &[L::Scalar], nodes: &mut [L]) {
+        let length = rows * self.width;
+        let slices = &self.slices[block * L::COUNT..(block + 1) * L::COUNT];
+        let (sums, moments) = nodes.split_at_mut(length);
+        for start in (0..length).step_by(L::COUNT) {
+            let (mut sum, mut moment) = ([L::zero(); MOST_LANES], [L::zero(); MOST_LANES]);
+            for (l, slice) in slices.iter().enumerate() {
+                let at = slice.plane * length + start;
+                let low = L::load(&planes[at..]) * L::splat(slice.weights[0]);
+                let high = L::load(&planes[at + 2 * length..]) * L::splat(slice.weights[2]);
+                let middle = L::load(&planes[at + length..]);
+                sum[l] = middle.times_plus(L::splat(slice.weights[1]), low + high);
+                moment[l] = high - low;
+            }
+            L::transpose(&mut sum);
+            L::transpose(&mut moment);
+            sums[start..start + L::COUNT].copy_from_slice(&sum[..L::COUNT]);
+            moments[start..start + L::COUNT].copy_from_slice(&moment[..L::COUNT]);
+        }
+    }
+
+    /// The reverse: spreads values at the nodes of each slice, and their change from plane to plane,
+    /// over the planes. With `moments` false, the values do not change along the rope.
+    #[inline(always)]
+    pub fn add_to_planes(
+        &self,
+        block: usize,
+        rows: usize,
+        moments: bool,
+        nodes: &[L],
+        planes: &mut [L::Scalar],
+    ) {
+        let length = rows * self.width;
+        let slices = &self.slices[block * L::COUNT..(block + 1) * L::COUNT];
+        for start in (0..length).step_by(L::COUNT) {
+            let (mut value, mut change) = ([L::zero(); MOST_LANES], [L::zero(); MOST_LANES]);
+            value[..L::COUNT].copy_from_slice(&nodes[start..start + L::COUNT]);
+            L::transpose(&mut value);
+            if moments {
+                change[..L::COUNT].copy_from_slice(&nodes[length + start..length + start + L::COUNT]);
+                L::transpose(&mut change);
+            }
+            for (l, slice) in slices.iter().enumerate() {
+                let at = slice.plane * length + start;
+                let parts = [value[l] - change[l], value[l], value[l] + change[l]];
+                for i in 0..3 {
+                    let plane = &mut planes[at + i * length..at + i * length + L::COUNT];
+                    parts[i]
+                        .times_plus(L::splat(slice.weights[i]), L::load(plane))
+                        .store(plane);
+                }
+            }
+        }
+    }
+
+    /// Velocity of a member, and its change per cell along each axis: Σ w v, and
+    /// (4/dx²)(Σ w v d − v o) dx with the node's and the member's offsets d and o from the middle node.
+    #[inline(always)]
+    pub fn gather(&self, block: usize, member: usize, nodes: &[L]) -> (Vec3<L>, Mat3<L>) {
+        let link = &self.members[member];
+        let offset = [
+            self.offsets[block],
+            L::splat(link.offset[0]),
+            L::splat(link.offset[1]),
+        ];
+        let (mut velocity, mut rate) = (zero3(), [zero3(); 3]);
+        for a in 0..3 {
+            let values = &nodes[a * self.width..(a + 1) * self.width];
+            let moments = &nodes[(a + 3) * self.width..(a + 4) * self.width];
+            let mut lines = [L::zero(); 3];
+            let (mut low, mut high, mut along) = (L::zero(), L::zero(), L::zero());
+            for j in 0..3 {
+                let at = |k: usize| (node(values, link, 3 * j + k), L::splat(link.weights[3 * j + k]));
+                let ((v0, w0), (v1, w1), (v2, w2)) = (at(0), at(1), at(2));
+                lines[j] = v2.times_plus(w2, v1.times_plus(w1, v0 * w0));
+                low = v0.times_plus(w0, low);
+                high = v2.times_plus(w2, high);
+                for (k, w) in [w0, w1, w2].into_iter().enumerate() {
+                    along = node(moments, link, 3 * j + k).times_plus(w, along);
+                }
+            }
+            velocity[a] = lines[0] + lines[1] + lines[2];
+            let moment = [along, lines[2] - lines[0], high - low];
+            for b in 0..3 {
+                rate[a][b] = (-velocity[a]).times_plus(offset[b], moment[b]) * L::of(4.0);
+            }
+        }
+        (velocity, rate)
+    }
+
+    /// The reverse: adds to the nodes of its slice what a member has to give, a value at its place and
+    /// its change per cell along each axis.
+    #[inline(always)]
+    pub fn scatter(&self, block: usize, member: usize, value: &Vec3<L>, slope: &Mat3<L>, nodes: &mut [L]) {
+        let link = &self.members[member];
+        let offset = [
+            self.offsets[block],
+            L::splat(link.offset[0]),
+            L::splat(link.offset[1]),
+        ];
+        for a in 0..3 {
+            let (values, moments) = nodes.split_at_mut(3 * self.width);
+            let values = &mut values[a * self.width..(a + 1) * self.width];
+            let moments = &mut moments[a * self.width..(a + 1) * self.width];
+            let [along, side, up] = slope[a];
+            let mut middle = value[a];
+            for b in 0..3 {
+                middle = (-slope[a][b]).times_plus(offset[b], middle);
+            }
+            let lines = [middle - side, middle, middle + side];
+            for j in 0..3 {
+                let parts = [lines[j] - up, lines[j], lines[j] + up];
+                for k in 0..3 {
+                    let weight = L::splat(link.weights[3 * j + k]);
+                    add_to_node(values, link, 3 * j + k, weight, parts[k]);
+                    add_to_node(moments, link, 3 * j + k, weight, along);
+                }
+            }
+        }
+    }
+
+    /// Σ w v for one row of nodes of a member's slice.
+    #[inline(always)]
+    pub fn gather_value(&self, member: usize, nodes: &[L]) -> L {
+        let link = &self.members[member];
+        let mut sum = L::zero();
+        for entry in 0..NODES {
+            sum = node(nodes, link, entry).times_plus(L::splat(link.weights[entry]), sum);
+        }
+        sum
+    }
+
+    /// Adds a value that is the same everywhere to the nodes of a member's slice.
+    #[inline(always)]
+    pub fn scatter_value(&self, member: usize, value: L, nodes: &mut [L]) {
+        let link = &self.members[member];
+        let values = &mut nodes[..self.width];
+        for entry in 0..NODES {
+            add_to_node(values, link, entry, L::splat(link.weights[entry]), value);
+        }
+    }
+}
+
+#[inline(always)]
+fn node<L: Lanes>(row: &[L], link: &Member<L::Scalar>, entry: usize) -> L {
+    row[link.nodes[entry] as usize]
+}
+
+#[inline(always)]
+fn add_to_node<L: Lanes>(row: &mut [L], link: &Member<L::Scalar>, entry: usize, weight: L, value: L) {
+    let node = &mut row[link.nodes[entry] as usize];
+    *node = value.times_plus(weight, *node);
+}

@@ -1,0 +1,200 @@
+//! Reverse mode against forward mode: every input, each scene, whole rollouts, through contact and
+//! release; the budget; and what a gradient says where a path is moved by hand.
+
+use offline::effects::ALL;
+use offline::sim::adjoint::{DEFAULT_BUDGET_BYTES, Family, Precision, release_gradient};
+use offline::sim::clamp::{KnotShift, PathShift};
+use offline::sim::lanes::Laned;
+use offline::sim::{Cause, Dual, Scene, simulate};
+use tests::derivatives::{
+    Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,
+    reverse_gradient, smooth_cotangent, swing,
+};
+
+/// Every effect of the registry, a random direction of each path and two of the force. A path of one knot
+/// holds the rope where it is, wherever that knot lies.
+fn everything(scene: &Scene) -> Everything {
+    let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
+    let grips = (0..scene.grips.len()).filter(moves);
+    Everything {
+        effects: (0..ALL.len()).collect(),
+        shifts: grips.map(|g| random_shift(scene, g, 10 + g as u64)).collect(),
+        fields: vec![random_field(scene, 5, 20), random_field(scene, 5, 21)],
+    }
+}
+
+/// What an error is measured by: the derivative itself, or the terms of its sum before they cancel.
+#[derive(Clone, Copy)]
+enum Measure {
+    Net,
+    Gross,
+}
+
+/// Prints and checks every entry of the gradient. Friction does nothing without a table.
+fn compare<F: Precision>(name: &str, scene: &Scene, measure: Measure, tolerance: f64)
+where
+    Dual<F, LANES>: Laned,
+{
+    let family = everything(scene);
+    let theta = family.theta(SOFT, 0.2);
+    let cotangent = smooth_cotangent(scene);
+    let forward = forward_gradient::<F, _>(scene, &family, &theta, &cotangent).unwrap();
+    let got = reverse_gradient::<F, _>(scene, &family, &theta, &cotangent, DEFAULT_BUDGET_BYTES).unwrap();
+    let mut worst = 0.0f64;
+    for ((entry, forward), reverse) in family.names().iter().zip(&forward).zip(&got.gradient.theta) {
+        let off = (reverse - forward.value).abs();
+        if scene.table.is_none() && entry.contains("friction") {
+            assert!(
+                forward.gross == 0.0 && *reverse == 0.0,
+                "{name}: {entry} without a table"
+            );
+            continue;
+        }
+        println!(
+            "{name}: {entry}: {reverse:.6e}, off by {:.1e}, {:.1e} before cancellation",
+            off / forward.value.abs(),
+            off / forward.gross
+        );
+        assert!(forward.gross > 0.0, "{name}: {entry} does nothing");
+        let size = match measure {
+            Measure::Net => forward.value.abs(),
+            Measure::Gross => forward.gross,
+        };
+        worst = worst.max(off / size);
+    }
+    assert!(worst < tolerance, "{name}: off by {worst:.1e}");
+}
+
+#[test]
+fn the_gradient_of_a_lift_is_that_of_forward_mode() {
+    compare::<f64>("lift", &lift(), Measure::Net, 1e-9);
+}
+
+#[test]
+fn the_gradient_of_a_carried_and_dropped_rope_is_that_of_forward_mode() {
+    compare::<f64>("free", &free(), Measure::Net, 1e-9);
+}
+
+#[test]
+fn the_gradient_of_a_swing_is_that_of_forward_mode() {
+    compare::<f64>("swing", &swing(RELEASE_M), Measure::Net, 1e-9);
+}
+
+/// Sums in single precision are as exact as their largest terms, so errors count in these.
+#[test]
+fn the_gradients_of_all_scenes_are_those_of_forward_mode_in_single_precision() {
+    for (name, scene) in [("lift", lift()), ("free", free()), ("swing", swing(RELEASE_M))] {
+        compare::<f32>(&format!("{name} f32"), &scene, Measure::Gross, 1e-4);
+    }
+}
+
+/// The gradients by knot, by block and slice, and of the release point add up to those along given
+/// directions, which the other tests hold against forward mode.
+#[test]
+fn the_gradient_by_knot_and_by_slice_adds_up_along_any_direction() {
+    let scene = swing(RELEASE_M);
+    let path = &scene.grips[1].path;
+    let family = Everything {
+        effects: Vec::new(),
+        shifts: vec![
+            random_shift(&scene, 1, 3),
+            PathShift::of_end(1, path, [1.0, 0.0, 0.0]),
+            PathShift::of_end(1, path, [0.0, 0.0, 1.0]),
+        ],
+        fields: vec![random_field(&scene, 7, 4)],
+    };
+    let theta = family.theta(SOFT, 0.0);
+    let cotangent = smooth_cotangent(&scene);
+    let got = reverse_gradient::<f64, _>(&scene, &family, &theta, &cotangent, DEFAULT_BUDGET_BYTES).unwrap();
+    let along = &got.gradient.theta[3..];
+    let knots = &got.gradient.paths[1];
+    let by_knot: f64 = knots
+        .iter()
+        .zip(&family.shifts[0].knots)
+        .flat_map(|(g, d)| (0..7).map(|k| g.pose[k] * d.pose[k] + g.rate[k] * d.rate[k]))
+        .sum();
+    let by_slice: f64 = got
+        .gradient
+        .force_field
+        .iter()
+        .flatten()
+        .flatten()
+        .zip(family.fields[0].force_n_m.iter().flatten().flatten())
+        .map(|(g, d)| g * d)
+        .sum();
+    let release = release_gradient(path, knots);
+    for (sum, along) in [
+        (by_knot, along[0]),
+        (release[0], along[1]),
+        (release[2], along[2]),
+        (by_slice, along[3]),
+    ] {
+        println!("{sum:.6e} against {along:.6e}");
+        assert!((sum - along).abs() < 1e-12 * along.abs());
+    }
+}
+
+/// A shift of a path is the path with its knots moved, so a gradient with respect to knots is one of
+/// the scene that a user would build next.
+#[test]
+fn a_shifted_path_moves_the_rope_as_the_moved_path_does() {
+    let scene = free();
+    let mut family = Everything {
+        shifts: (0..2).map(|g| random_shift(&scene, g, 5 + g as u64)).collect(),
+        ..Everything::default()
+    };
+    let mut theta = family.theta(SOFT, 0.0);
+    let amplitude = 1e-3;
+    theta[3..].fill(amplitude);
+    let shifted = simulate(&scene, &family.physics(&theta[..])).unwrap();
+    let mut moved = scene.clone();
+    for shift in std::mem::take(&mut family.shifts) {
+        let by = PathShift {
+            grip: shift.grip,
+            knots: shift
+                .knots
+                .iter()
+                .map(|k| KnotShift {
+                    pose: k.pose.map(|x| x * amplitude),
+                    rate: k.rate.map(|x| x * amplitude),
+                })
+                .collect(),
+        };
+        moved.grips[shift.grip].path = scene.grips[shift.grip].path.moved(&by);
+    }
+    let by_hand = simulate(&moved, &family.physics(&theta[..3])).unwrap();
+    let still = simulate(&scene, &family.physics(&theta[..3])).unwrap();
+    let worst = |a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]| {
+        let pairs = a.iter().flatten().flatten().zip(b.iter().flatten().flatten());
+        pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+    };
+    let (difference, size) = (
+        worst(&shifted.frames, &by_hand.frames),
+        worst(&shifted.frames, &still.frames),
+    );
+    println!("{difference:.1e} m of {size:.1e} m");
+    assert!(size > 1e-4 && difference < 1e-9 * size);
+}
+
+/// With less memory steps are simulated twice; the gradient stays. Too little is refused.
+#[test]
+fn the_gradient_does_not_depend_on_the_budget() {
+    let scene = lift();
+    let family = everything(&scene);
+    let theta = family.theta(SOFT, 0.2);
+    let cotangent = smooth_cotangent(&scene);
+    let within = |budget| reverse_gradient::<f64, _>(&scene, &family, &theta, &cotangent, budget);
+    let full = within(DEFAULT_BUDGET_BYTES).unwrap();
+    let tight = within(full.memory_bytes / 3).unwrap();
+    println!(
+        "{} and {} bytes, {} and {} steps repeated",
+        full.memory_bytes, tight.memory_bytes, full.repeated_steps, tight.repeated_steps
+    );
+    assert!(full.repeated_steps == 0 && tight.repeated_steps > 0);
+    assert!(tight.memory_bytes <= full.memory_bytes / 3);
+    for (a, b) in full.gradient.theta.iter().zip(&tight.gradient.theta) {
+        assert!((a - b).abs() < 1e-9 * a.abs(), "{a} against {b}");
+    }
+    let refused = within(1000).unwrap_err();
+    assert!(matches!(refused.cause, Cause::Memory { .. }), "{refused}");
+}

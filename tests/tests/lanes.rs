@@ -1,0 +1,141 @@
+//! The simulator steps many particles at a time; its readable twin steps one after the other. Both are
+//! held against each other: a lift through contact and friction, a swing through release, every law, and
+//! every tangent.
+
+use offline::demo::RopeEnd;
+use offline::effects;
+use offline::sim::clamp::ClampPath;
+use offline::sim::rollout::simulate_one_by_one;
+use offline::sim::rope::RopeShape;
+use offline::sim::scene::{Grip, Scene, Table};
+use offline::sim::tensor::value3;
+use offline::sim::{Arithmetic, Dual, Laned, Physics, Real, Rollout, simulate};
+use shared::task::SwingTask;
+
+fn rope() -> RopeShape {
+    let mut shape = RopeShape {
+        length_m: 0.25,
+        diameter_m: 0.014,
+        mass_kg: 1.0,
+    };
+    shape.mass_kg = 1000.0 * shape.volume_m3();
+    shape
+}
+
+/// The start of a lying rope is lifted, turned and moved sideways.
+fn lift(cells: f64) -> Scene {
+    const END_S: f64 = 0.12;
+    let pose = |t: f64| {
+        let angle = 2.0 * t;
+        [0.0, 0.3 * t, 0.007 + 0.4 * t, 0.0, 0.0, angle.sin(), angle.cos()]
+    };
+    let samples: Vec<_> = (0..=12)
+        .map(|i| 0.01 * f64::from(i))
+        .map(|t| (t, pose(t), true))
+        .collect();
+    let grips = vec![Grip {
+        end: RopeEnd::Start,
+        length_m: 0.02,
+        path: ClampPath::from_samples(&samples),
+    }];
+    let times_s = vec![0.03, 0.07, END_S];
+    let table = Some(Table { height_m: 0.0 });
+    Scene::new(
+        rope(),
+        [0.0, 0.0, 0.007],
+        [1.0, 0.0, 0.0],
+        grips,
+        table,
+        cells,
+        times_s,
+    )
+    .unwrap()
+}
+
+/// Every effect of the registry at a tenth of its range; `value` makes a number from the index of the
+/// input and its value.
+fn with_every_effect<T: Real>(value: impl Fn(usize, f64) -> T) -> Physics<T> {
+    let mut physics = Physics::base(value(0, 4.0e5), value(1, 0.3), value(2, 0.4));
+    let mut input = 3;
+    for (index, effect) in effects::ALL.iter().enumerate() {
+        let values: Vec<T> = effect
+            .parameters
+            .iter()
+            .map(|p| {
+                input += 1;
+                value(input - 1, p.vanishes_at + 0.1 * (p.high - p.vanishes_at))
+            })
+            .collect();
+        effects::add_to(index, &values, &mut physics);
+    }
+    physics
+}
+
+/// Largest distance of any recorded points, m.
+fn apart<T: Real>(a: &Rollout<T>, b: &Rollout<T>) -> f64 {
+    assert_eq!((a.steps, a.frames.len()), (b.steps, b.frames.len()));
+    let mut largest = 0.0f64;
+    for (p, q) in a.frames.iter().flatten().zip(b.frames.iter().flatten()) {
+        let (p, q) = (value3(*p), value3(*q));
+        for k in 0..3 {
+            largest = largest.max((p[k] - q[k]).abs());
+            assert!(p[k].is_finite() && q[k].is_finite());
+        }
+    }
+    largest
+}
+
+fn both<T: Laned>(scene: &Scene, physics: &Physics<T>) -> [Rollout<T>; 2] {
+    [
+        simulate(scene, physics).unwrap(),
+        simulate_one_by_one(scene, physics).unwrap(),
+    ]
+}
+
+#[test]
+fn a_lift_with_every_effect_is_the_same() {
+    for cells in [1.5, 1.792, 2.6] {
+        let scene = lift(cells);
+        let [fast, slow] = both(&scene, &with_every_effect(|_, v| v));
+        let double = apart(&fast, &slow);
+        let [fast, slow] = both(&scene, &with_every_effect(|_, v| v as f32));
+        let single = apart(&fast, &slow);
+        println!("{cells} cells: {double:.1e} m in double, {single:.1e} m in single precision");
+        assert!(double < 1e-11, "{double}");
+        assert!(single < 2e-5, "{single}");
+    }
+}
+
+#[test]
+fn a_swing_reaches_the_same_point() {
+    let scene = Scene::swing_settled(rope(), &SwingTask::PAPER, [0.12, 0.12], 1.5).unwrap();
+    let mut physics = Physics::<f64>::base(4.0e5, 0.3, 0.5);
+    physics.gravity_m_s2[1] = 0.01;
+    let [fast, slow] = both(&scene, &physics).map(|rollout| rollout.reach_m.unwrap());
+    println!("{fast} against {slow}");
+    assert!((fast - slow).abs() < 1e-9);
+}
+
+#[test]
+fn every_tangent_is_the_same() {
+    const N: usize = 16;
+    let physics = with_every_effect(|k, v| {
+        if k < N {
+            Dual::<f64, N>::input(v, k)
+        } else {
+            Dual::of(v)
+        }
+    });
+    let [fast, slow] = both(&lift(1.5), &physics);
+    for input in 0..N {
+        let (mut largest, mut size) = (0.0f64, 0.0f64);
+        for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
+            for k in 0..3 {
+                largest = largest.max((p[k].tangent[input] - q[k].tangent[input]).abs());
+                size = size.max(q[k].tangent[input].abs());
+            }
+        }
+        println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
+        assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
+    }
+}
