@@ -251,10 +251,12 @@ impl<T: Real> Engine<T> for OneByOne<T> {
 
 #[inline(always)]
 fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    let setup = Setup::new(scene, physics)?;
     if let Start::Poses(poses) = &scene.start {
+        check_parameters(physics)?;
+        scene.check()?;
         return hang_still(scene, physics, poses);
     }
+    let setup = Setup::new(scene, physics)?;
     let mut engine: E = setup.hanging_engine()?;
     let mut recorder = Recorder::new(scene);
     for state in 0..=setup.steps {
