@@ -3,7 +3,8 @@
 use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, bracket, measure};
-use crate::sim::dual::{Dual, Float};
+use crate::sim::dual::Dual;
+use crate::sim::real::Float;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Real, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};

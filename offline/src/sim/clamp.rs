@@ -93,6 +93,13 @@ impl ClampPath {
         &self.knots
     }
 
+    /// Motion of the clamp since its first pose, as recorded.
+    pub fn motion(&self, t_s: f64) -> RigidMotion<f64> {
+        let first = self.knots[0].pose;
+        let held_m = [first[0], first[1], first[2]];
+        RigidMotion::at(&|t| self.pose(t), &first, held_m, &[], t_s)
+    }
+
     /// Whether the clamp holds at time `t_s`.
     pub fn closed(&self, t_s: f64) -> bool {
         self.knots[self.interval(t_s)].closed

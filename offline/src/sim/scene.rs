@@ -1,7 +1,7 @@
 //! Scenes: what is simulated, from when to when, on which grid. `lift` and `free` come from a
 //! demonstration, `swing` from the task.
 
-use super::clamp::{ClampPath, Knot, RigidMotion};
+use super::clamp::{ClampPath, Knot};
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
 use super::rollout::perpendicular;
@@ -345,7 +345,8 @@ impl Scene {
                 .start
                 .hang()
                 .map_or(self.direction, |hang| hang.frames[index][0]);
-            RigidMotion::between(&grip.path.knots()[0].pose, &grip.path.pose(t_s))
+            grip.path
+                .motion(t_s)
                 .place(direction.map(|d| sign * grip.length_m * d))
         };
         for knot in a.path.knots().iter().chain(b.path.knots()) {

@@ -1,6 +1,5 @@
 //! How the rope is when a scene begins, and the poses of scenes that have no time.
 
-use super::clamp::RigidMotion;
 use super::curve::{Curve, turned};
 use super::rollout::perpendicular;
 use super::rope::RopeShape;
@@ -90,16 +89,11 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn motion(&self, grip: usize, t_s: f64) -> RigidMotion<f64> {
-        let path = &self.grips[grip].path;
-        RigidMotion::between(&path.knots()[0].pose, &path.pose(t_s))
-    }
-
     fn pose(&self, t_s: f64, markers: &[&MarkerSample], stiffness_n_m: Option<f64>) -> Pose {
         let length_m = self.rope.length_m;
         let mut knots: Vec<(f64, [f64; 3])> = Vec::new();
         for (index, grip) in self.grips.iter().enumerate() {
-            let motion = self.motion(index, t_s);
+            let motion = grip.path.motion(t_s);
             let inwards = if grip.end == RopeEnd::Start { 1.0 } else { -1.0 };
             let outer_m = if grip.end == RopeEnd::Start { 0.0 } else { length_m };
             let inner = scaled(self.directions[index], inwards * grip.length_m);
@@ -113,7 +107,7 @@ impl Builder<'_> {
         knots.extend(seen.iter().map(|m| (m.s_m, m.position_m)));
         knots.sort_by(|a, b| a.0.total_cmp(&b.0));
         let anchor = knots.iter().position(|k| *k == outer).unwrap_or(0);
-        let motion = self.motion(0, t_s);
+        let motion = self.grips[0].path.motion(t_s);
         let frame = self.first_frame().map(|v| motion.turn(v));
         Pose {
             t_s,

@@ -11,7 +11,7 @@
 //! precision loses them.
 
 use super::band::{Band, Factor};
-use super::clamp::{RigidMotion, STIFFNESS};
+use super::clamp::STIFFNESS;
 use super::curve::Curve;
 use super::dual::Dual;
 use super::elastic::{Lame, piola_stress};
@@ -19,7 +19,8 @@ use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::hanging::particle_masses;
 use super::physics::{ForcePoint, Physics, StressPoint};
-use super::real::Real;
+use super::real::{Arithmetic, Real};
+use super::rollout::{grip_motions, time_step_s};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, dot, matmul, mul, scaled, sub, transpose_inverse, zero3};
@@ -46,6 +47,10 @@ pub struct Pose {
     pub pins: Vec<Pin>,
 }
 
+/// Inertia of the first step and below which there is none any more, in units of a pendulum's squared
+/// frequency.
+const FIRST_INERTIA: f64 = 100.0;
+const LAST_INERTIA: f64 = 0.1;
 /// Most steps of Newton's method.
 const MAX_STEPS: usize = 120;
 /// Largest change of a deformation gradient in one step.
@@ -83,7 +88,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
-        let dt_s = scene.time_step_s(lame.p_wave_modulus().value(), 0.0);
+        let dt_s = time_step_s(scene, physics);
         let mut statics = Self {
             scene,
             physics,
@@ -173,22 +178,24 @@ impl<'a, T: Real> Statics<'a, T> {
         let pins = self.pin_rows(&pose.pins);
         let guess = self.undeformed().into_iter().map(|m| pose.guess.place(m));
         let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
-        let inertia_least = -self.physics.gravity_m_s2[2].value() / self.scene.rope.length_m;
-        let mut inertia = 0.0;
+        // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
+        // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
+        let swing = (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m;
+        let mut inertia = FIRST_INERTIA * swing;
         let mut moved_m = f64::INFINITY;
         for _ in 0..MAX_STEPS {
             let forces = self.forces(&nodes, &held, &pins)?;
-            let factor = self.factor(&nodes, &held, &pins, &mut inertia, inertia_least.max(1.0))?;
+            let factor = self.factor(&nodes, &held, &pins, &mut inertia, swing)?;
             let step = self.newton_step(&factor, &forces);
             let share = self.admissible_share(&nodes, &step);
             for (node, change) in nodes.iter_mut().zip(&step) {
                 *node = add(*node, scaled(*change, share));
             }
             let calm = inertia == 0.0 && share == 1.0;
-            inertia = if inertia < inertia_least {
-                0.0
-            } else {
-                0.1 * inertia
+            inertia = match (share < 1.0, inertia < LAST_INERTIA * swing) {
+                (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
+                (false, true) => 0.0,
+                (false, false) => 0.3 * inertia,
             };
             moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
             if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
@@ -214,16 +221,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// Where the clamps want each gripped particle.
     fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
-        let motions: Vec<Option<RigidMotion<T>>> = self
-            .scene
-            .grips
-            .iter()
-            .map(|grip| {
-                let first = grip.path.knots()[0].pose;
-                let now = grip.path.real_pose(&self.physics.path_laws, t_s);
-                grip.path.closed(t_s).then(|| RigidMotion::between(&first, &now))
-            })
-            .collect();
+        let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
         (0..self.layout.particles())
             .map(|p| {
                 let (grip, offset_m) = self.scene.grip_offset(self.layout.material_m(p))?;

@@ -156,7 +156,7 @@ fn run<F: Precision, M: Family, I: Instructions>(
     let setup = Setup::new(scene, &physics)?;
     if scene.start.hang().is_some() {
         // The start itself would depend on the parameters.
-        return Err(SimError::at_start(Cause::HangsAtStart));
+        return Err(SimError::at_start(super::Cause::HangsAtStart));
     }
     let mut engine: Sweep<F, I> = setup.engine();
     let nodes_bytes = size_of_val(engine.nodes.velocity.channel(0));
