@@ -47,8 +47,7 @@ impl Band {
             }
             let before = &row_i[first + band - i..band];
             let pivot = row_i[band] - dot(before, before);
-            // Written so that NaN fails.
-            if !(pivot > 1e-14 * row_i[band]) {
+            if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
                 return None;
             }
             row_i[band] = pivot.sqrt();
