@@ -81,27 +81,47 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
         ),
         Observations::Markers(samples) => {
             let times = demo.times_s();
+            let arcs_m = station_arcs_m(demo);
             let now = samples.iter().filter(|m| m.t_s == times[frame]);
-            now.enumerate()
-                .flat_map(|(station, marker)| {
-                    let (low, share) = bracket(line.arc_m, marker.s_m);
-                    (0..3).map(move |k| {
-                        let predicted =
-                            line.points_m[low][k] * (1.0 - share) + line.points_m[low + 1][k] * share;
-                        let mut direction = [0.0; 3];
-                        direction[k] = 1.0;
-                        Row {
-                            frame,
-                            station,
-                            arc_m: marker.s_m,
-                            position_m: marker.position_m,
-                            direction,
-                            offset_m: marker.position_m[k] - predicted,
-                            sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
-                        }
-                    })
+            // Where the motion is planar, y was not measured.
+            let axes: &'static [usize] = if demo.spec.planar { &[0, 2] } else { &[0, 1, 2] };
+            now.flat_map(|marker| {
+                let (low, share) = bracket(line.arc_m, marker.s_m);
+                let station = arcs_m.partition_point(|&s| s < marker.s_m);
+                axes.iter().map(move |&k| {
+                    let predicted = line.points_m[low][k] * (1.0 - share) + line.points_m[low + 1][k] * share;
+                    let mut direction = [0.0; 3];
+                    direction[k] = 1.0;
+                    Row {
+                        frame,
+                        station,
+                        arc_m: marker.s_m,
+                        position_m: marker.position_m,
+                        direction,
+                        offset_m: marker.position_m[k] - predicted,
+                        sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
+                    }
                 })
-                .collect()
+            })
+            .collect()
+        }
+    }
+}
+
+/// Arc length of every station, m, increasing: the middles of equal parts of the rope for clouds, the
+/// places of all markers for markers, whether or not each was seen in every frame.
+pub fn station_arcs_m(demo: &Demo) -> Vec<f64> {
+    match &demo.observations {
+        Observations::Clouds(_) => {
+            let length_m = demo.spec.rope.length_m;
+            let middle = |station: usize| (station as f64 + 0.5) / STATIONS as f64 * length_m;
+            (0..STATIONS).map(middle).collect()
+        }
+        Observations::Markers(samples) => {
+            let mut arcs_m: Vec<f64> = samples.iter().map(|marker| marker.s_m).collect();
+            arcs_m.sort_by(f64::total_cmp);
+            arcs_m.dedup();
+            arcs_m
         }
     }
 }
@@ -317,6 +337,46 @@ fn circle_centre(points: &[Projected], radius_m: f64, noise_m: f64) -> Option<(V
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::demo::MarkerSample;
+    use std::path::Path;
+
+    /// Markers at 0.05, 0.15 and 0.2 m, of which the first is not seen in the second frame: the others
+    /// keep their stations, else their residuals would be compared with those of another marker.
+    #[test]
+    fn a_marker_that_is_missing_in_a_frame_does_not_shift_the_stations_of_others() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+        let mut demo = Demo::load(dir).unwrap();
+        let marker = |t_s: f64, s_m: f64| MarkerSample {
+            t_s,
+            marker: format!("{s_m}"),
+            s_m,
+            position_m: [s_m, 0.0, 0.1],
+        };
+        // Within a frame the rows need not be in the order of the arc length.
+        demo.observations = Observations::Markers(vec![
+            marker(0.0, 0.2),
+            marker(0.0, 0.05),
+            marker(0.0, 0.15),
+            marker(0.1, 0.15),
+            marker(0.1, 0.2),
+        ]);
+        let line = Centreline {
+            arc_m: &[0.0, 0.25],
+            points_m: &[[0.0, 0.0, 0.1], [0.25, 0.0, 0.1]],
+            length_m: 0.25,
+        };
+        let stations = |frame: usize| -> Vec<(usize, f64)> {
+            let rows = measure(&demo, frame, &line, Section::default());
+            rows.iter().map(|r| (r.station, r.arc_m)).collect()
+        };
+        assert_eq!(stations(0)[0], (2, 0.2));
+        assert_eq!(stations(0)[3], (0, 0.05));
+        assert_eq!(stations(1)[0], (1, 0.15));
+        assert_eq!(stations(1)[3], (2, 0.2));
+        demo.spec.planar = true;
+        let rows = measure(&demo, 1, &line, Section::default());
+        assert!(rows.len() == 4 && rows.iter().all(|r| r.direction[1] == 0.0));
+    }
 
     /// Half of a rope's surface is seen; the prediction is off by a known vector.
     #[test]

@@ -1,9 +1,9 @@
 //! What a model does not explain, in millimetres over arc length and time, next to its noise, which
 //! is measured without the model.
 
-use crate::demo::Demo;
+use crate::demo::{Demo, SceneKind, StartState};
 use crate::fit::{Correlation, Evaluation};
-use crate::observe::{Row, STATIONS};
+use crate::observe::{Row, station_arcs_m};
 use serde::{Deserialize, Serialize};
 
 /// Residual of one demonstration on the grid of frames and stations.
@@ -55,9 +55,9 @@ impl ResidualSummary {
 impl ResidualMap {
     /// Of one demonstration's rows.
     pub fn of(demo: &Demo, times_s: &[f64], rows: &[Row]) -> Self {
-        let length = demo.spec.rope.length_m;
-        let mut offsets_mm = vec![vec![None; STATIONS]; times_s.len()];
-        for row in rows.iter().filter(|r| r.station < STATIONS) {
+        let arcs_m = station_arcs_m(demo);
+        let mut offsets_mm = vec![vec![None; arcs_m.len()]; times_s.len()];
+        for row in rows {
             let cell = offsets_mm[row.frame][row.station].get_or_insert([0.0; 3]);
             for k in 0..3 {
                 cell[k] += 1e3 * row.offset_m * row.direction[k];
@@ -66,9 +66,7 @@ impl ResidualMap {
         Self {
             demo: demo.name.clone(),
             times_s: times_s.to_vec(),
-            arcs_m: (0..STATIONS)
-                .map(|s| (s as f64 + 0.5) / STATIONS as f64 * length)
-                .collect(),
+            arcs_m,
             offsets_mm,
         }
     }
@@ -77,17 +75,24 @@ impl ResidualMap {
 /// Fewest frames at rest from which noise is measured.
 const MIN_REST_FRAMES: usize = 4;
 
-/// Number of frames before any clamp moves.
+/// Number of frames in which the rope lies still before any clamp moves or turns.
 pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
     const MOVED_M: f64 = 1e-4;
+    const TURNED: f64 = 1e-4;
+    if demo.spec.scene == SceneKind::Static || demo.spec.start == StartState::Moving {
+        return 0;
+    }
     let moves_at = demo
         .clamps
         .iter()
         .filter_map(|samples| {
-            let first = samples.first()?.position_m;
+            let first = samples.first()?;
             samples
                 .iter()
-                .find(|s| (0..3).any(|k| (s.position_m[k] - first[k]).abs() > MOVED_M))
+                .find(|s| {
+                    (0..3).any(|k| (s.position_m[k] - first.position_m[k]).abs() > MOVED_M)
+                        || (0..4).any(|k| (s.quaternion_xyzw[k] - first.quaternion_xyzw[k]).abs() > TURNED)
+                })
                 .map(|s| s.t_s)
         })
         .fold(f64::INFINITY, f64::min);
@@ -104,12 +109,14 @@ pub fn noise_scale(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>
         if frames < MIN_REST_FRAMES {
             continue;
         }
-        for station in 0..STATIONS {
+        for station in 0..station_arcs_m(demo).len() {
             let at: Vec<&Row> = rows
                 .iter()
                 .filter(|r| r.station == station && r.frame < frames)
                 .collect();
-            let n = at.len() as f64 / 2.0;
+            // Every frame has as many rows at a station: one per direction that was measured.
+            let in_first = at.iter().filter(|r| r.frame == at[0].frame).count();
+            let n = at.len() as f64 / in_first.max(1) as f64;
             if n < MIN_REST_FRAMES as f64 {
                 continue;
             }
@@ -123,4 +130,57 @@ pub fn noise_scale(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>
         }
     }
     (expected > 0.0).then(|| (seen / expected).sqrt())
+}
+
+/// A fitted rope that misses what was seen by more than this share of its length has explained
+/// nothing: no missing effect of the library moves a rope so far, but a wrong scale or axis does.
+const MISFIT_SHARE: f64 = 0.1;
+
+/// What a fit says of demonstrations that no rope can have made, one line each.
+pub fn misfits(demos: &[&Demo], evaluation: &Evaluation) -> Vec<String> {
+    let mut found = Vec::new();
+    for (demo, rows) in demos.iter().zip(&evaluation.rows) {
+        let square: f64 = rows.iter().map(|r| r.offset_m * r.offset_m).sum();
+        let rms_m = (square / rows.len().max(1) as f64).sqrt();
+        let share = rms_m / demo.spec.rope.length_m;
+        if share > MISFIT_SHARE {
+            found.push(format!(
+                "{}: the fitted rope misses what was seen by {:.0} mm, {:.0} % of its length; do not believe its \
+                 parameters, but look for swapped axes, a wrong scale, wrong clocks or a wrong clamp path",
+                demo.name,
+                1e3 * rms_m,
+                100.0 * share
+            ));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::DMatrix;
+    use std::path::Path;
+
+    #[test]
+    fn a_fit_that_misses_by_a_tenth_of_the_rope_is_named_and_a_good_one_is_not() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+        let demo = Demo::load(dir).unwrap();
+        let evaluation = |offset_m: f64| Evaluation {
+            theta: vec![0.0, 0.3],
+            rows: vec![vec![Row {
+                frame: 0,
+                station: 0,
+                arc_m: 0.0,
+                position_m: [0.0; 3],
+                direction: [1.0, 0.0, 0.0],
+                offset_m,
+                sigma_m: 0.001,
+            }]],
+            jacobian: DMatrix::zeros(0, 0),
+        };
+        assert!(misfits(&[&demo], &evaluation(0.02)).is_empty());
+        let found = misfits(&[&demo], &evaluation(0.05));
+        assert!(found.len() == 1 && found[0].contains("swapped axes"), "{found:?}");
+    }
 }

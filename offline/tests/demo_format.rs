@@ -29,6 +29,7 @@ fn cloud_demo() -> Demo {
             format: FORMAT.to_owned(),
             scene: SceneKind::Lift,
             noise_m: 0.001,
+            planar: false,
             notes: "made for a test".to_owned(),
             rope: RopeSpec {
                 length_m: 0.25,

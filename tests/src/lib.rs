@@ -5,6 +5,7 @@ pub mod contact;
 pub mod derivatives;
 pub mod dynamics;
 pub mod effects;
+pub mod elastica;
 pub mod motion;
 pub mod rod;
 pub mod sample_rope;

@@ -119,6 +119,7 @@ fn declared(spec: &WorldSpec) -> DemoSpec {
         format: FORMAT.to_owned(),
         scene: spec.scene,
         noise_m: spec.sensor.noise_m,
+        planar: false,
         notes: spec.notes.clone(),
         start: StartState::Straight,
         rope: spec.material.rope.clone(),

@@ -86,6 +86,9 @@ enum DemoCommand {
     /// Turn recordings of other formats into demonstration folders.
     #[command(subcommand)]
     Import(import::ImportCommand),
+    /// Write a demonstration in another format.
+    #[command(subcommand)]
+    Export(import::ExportCommand),
 }
 
 /// What a run works on.
@@ -147,6 +150,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Verify(a) => verify::run(&a, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Demo(DemoCommand::Export(target)) => import::export(target, json),
         Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
         Command::Reproduce(table) => reproduce::run(&table, json),
         Command::Inspect { path } => demos::inspect(&path, json),

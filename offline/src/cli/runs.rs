@@ -12,7 +12,7 @@ use offline::pipeline::{
     Identified, Inputs, Learned, RunSettings, Stage, Summary, freeze_policy, identify, learn,
 };
 use offline::report::{PolicySection, ReportInput, html, views};
-use offline::residual::ResidualSummary;
+use offline::residual::{ResidualSummary, misfits};
 use offline::run_files::{RunFolder, write_whole};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -44,6 +44,10 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let run = RunFolder::open(&out)?;
     let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
     say_identified(&identified, &reporter);
+    let fitted: Vec<&Demo> = inputs.demos.iter().collect();
+    for warning in misfits(&fitted, &identified.outcome.fitted.best) {
+        reporter.say(&format!("warning: {warning}"));
+    }
     let mut summary = summary_of(&identified, &run);
     let mut learned_policy = None;
     if last > Stage::Diagnose {

@@ -59,6 +59,12 @@ fn start(file: &Path, demo: &Demo) -> Result<(), DemoError> {
             "start at rest, or label points along the rope",
         );
     }
+    if spec.start == StartState::Moving && demo.times_s()[0].abs() > 1e-6 {
+        return fail(
+            "start = \"moving\", but the first frame is not at t_s = 0",
+            "shift all times so that the first frame is at 0",
+        );
+    }
     if spec.scene == SceneKind::Static && spec.start == StartState::Moving {
         return fail(
             "a static scene that starts moving",

@@ -4,15 +4,21 @@
 mod check;
 mod draw;
 mod error;
+mod export;
+pub mod import;
+mod pcd;
+mod plausible;
 mod points;
 mod read;
 mod recording;
+mod ros;
 mod summary;
 mod table;
 mod write;
 
 pub use draw::plot_svg;
 pub use error::DemoError;
+pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};
 pub use recording::recording;
 pub use summary::{summary, warnings};
 
@@ -165,6 +171,9 @@ pub struct DemoSpec {
     pub scene: SceneKind,
     /// Declared standard deviation of one measured point along each axis, m.
     pub noise_m: f64,
+    /// Whether only x and z were measured: the motion is planar, y is the plane's and says nothing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub planar: bool,
     /// Free text.
     #[serde(default)]
     pub notes: String,

@@ -1,4 +1,4 @@
-//! Point clouds as PLY files: reads ASCII and binary, writes binary little endian float x, y, z.
+//! Point clouds: reads PLY (ASCII and binary) and PCD, writes binary little-endian PLY with float x, y, z.
 
 use super::DemoError;
 use super::check::FARTHEST_M;
@@ -50,8 +50,20 @@ impl PropertyAccess for Vertex {
 
 const AGAIN: &str = "export the cloud again as a PLY file";
 
-/// Reads the vertices of a PLY file, m.
+/// Reads a cloud, m: a PCD file by its ending, else a PLY file.
 pub(super) fn read(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
+    if file
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("pcd"))
+    {
+        let points = super::pcd::read(file)?;
+        check(file, &points)?;
+        return Ok(points);
+    }
+    read_ply(file)
+}
+
+fn read_ply(file: &Path) -> Result<Vec<[f64; 3]>, DemoError> {
     let handle = std::fs::File::open(file).map_err(|e| DemoError::io(file, "opening", &e))?;
     let bad = |error| unreadable(file, &error);
     let parser = Parser::<Vertex>::new();

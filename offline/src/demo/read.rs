@@ -37,6 +37,16 @@ impl Demo {
     }
 }
 
+impl DemoSpec {
+    /// Reads and checks a file `demo.toml`.
+    ///
+    /// # Errors
+    /// The file is missing or malformed.
+    pub fn load(file: &Path) -> Result<Self, DemoError> {
+        read_spec(file)
+    }
+}
+
 /// The last component of the folder's path, also for a path such as `.`.
 pub(super) fn name_of(dir: &Path) -> String {
     let whole = dir.canonicalize();

@@ -1,5 +1,6 @@
 //! What a person wants to know about a demonstration before fitting to it, and what looks wrong.
 
+use super::plausible;
 use super::{ClampSample, Demo, DemoSpec, Observations, RopeEnd, RopeMeasure, SceneKind};
 use std::fmt::Write as _;
 
@@ -81,6 +82,7 @@ pub fn warnings(demo: &Demo) -> Vec<String> {
     found.extend(first_cloud(demo, &frames));
     found.extend(heights(demo, &frames));
     found.extend(reach(demo, &frames));
+    found.extend(plausible::contradictions(demo, &frames));
     if demo.spec.scene == SceneKind::Lift && rest_frames(demo, &frames) < REST_FRAMES {
         found.push(format!(
             "fewer than {REST_FRAMES} frames before the clamp moves: the sensor's noise cannot be checked; \
@@ -91,9 +93,9 @@ pub fn warnings(demo: &Demo) -> Vec<String> {
 }
 
 /// What was seen at one instant, whatever the sensor.
-struct Frame<'a> {
-    t_s: f64,
-    points: Vec<&'a [f64; 3]>,
+pub(super) struct Frame<'a> {
+    pub(super) t_s: f64,
+    pub(super) points: Vec<&'a [f64; 3]>,
 }
 
 fn frames(demo: &Demo) -> Vec<Frame<'_>> {
@@ -330,7 +332,7 @@ fn reach(demo: &Demo, frames: &[Frame<'_>]) -> Option<String> {
     })
 }
 
-fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+pub(super) fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 

@@ -3,6 +3,7 @@
 use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, measure};
+use crate::sim::rollout::Track;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
@@ -163,6 +164,11 @@ impl<'a> Problem<'a> {
         })
     }
 
+    /// Whether a rope hangs at its start: poses at rest take double precision.
+    pub(super) fn hangs(&self) -> bool {
+        self.scenes.iter().any(|scene| scene.start.hang().is_some())
+    }
+
     /// Simulates one demonstration.
     pub(super) fn rollout<T: Laned>(
         &self,
@@ -212,11 +218,47 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped.
     pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
-        let theta32: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
+        if self.hangs() {
+            let rollouts = self.simulate_all(structure, theta)?;
+            return Ok(rollouts.into_iter().map(rounded).collect());
+        }
+        self.simulate_all(structure, &single(theta))
+    }
+
+    fn simulate_all<T: Laned>(
+        &self,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Vec<Rollout<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
-            .map(|d| self.rollout(d, structure, &theta32))
+            .map(|d| self.rollout(d, structure, theta))
             .collect()
+    }
+}
+
+fn single(theta: &[f64]) -> Vec<f32> {
+    theta.iter().map(|&t| t as f32).collect()
+}
+
+/// The same rollout in single precision.
+fn rounded(rollout: Rollout<f64>) -> Rollout<f32> {
+    let points =
+        |list: Vec<[f64; 3]>| -> Vec<[f32; 3]> { list.into_iter().map(|v| v.map(|c| c as f32)).collect() };
+    let vectors = |list: Vec<Vec<[f64; 3]>>| list.into_iter().map(points).collect();
+    let track = |track: Track<f64>| Track {
+        points_m: points(track.points_m),
+        velocities_m_s: points(track.velocities_m_s),
+    };
+    Rollout {
+        frames: vectors(rollout.frames),
+        tracks: rollout.tracks.into_iter().map(track).collect(),
+        particles: vectors(rollout.particles),
+        grip_forces_n: vectors(rollout.grip_forces_n),
+        arc_m: rollout.arc_m,
+        reach_m: rollout.reach_m.map(|reach| reach as f32),
+        steps: rollout.steps,
+        dt_s: rollout.dt_s,
     }
 }
 

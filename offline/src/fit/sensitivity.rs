@@ -12,7 +12,7 @@ use crate::sim::dual::Dual;
 use crate::sim::real::{Arithmetic, Float};
 use crate::sim::rollout::Track;
 use crate::sim::tensor::{Vec3, lift3, value3};
-use crate::sim::{Real, Rollout};
+use crate::sim::{Laned, Real, Rollout};
 use rayon::prelude::*;
 
 /// Most tangents of one pass.
@@ -213,8 +213,25 @@ impl Problem<'_> {
         theta: &[f64],
         columns: &[usize],
     ) -> Result<Part, FitError> {
+        if self.hangs() {
+            self.tangents_in::<f64, N>(demo, structure, theta, columns)
+        } else {
+            self.tangents_in::<f32, N>(demo, structure, theta, columns)
+        }
+    }
+
+    fn tangents_in<F: Float, const N: usize>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        columns: &[usize],
+    ) -> Result<Part, FitError>
+    where
+        Dual<F, N>: Laned,
+    {
         let (kept, places) = needed(structure, theta, columns);
-        let inputs = inputs::<f32, N>(theta, columns, places);
+        let inputs = inputs::<F, N>(theta, columns, places);
         let rollout = self.rollout(demo, &kept, &inputs)?;
         let slopes = tangents_of(&rollout.frames, columns);
         Ok(Part {
@@ -232,10 +249,11 @@ impl Problem<'_> {
         ends: [f64; 2],
     ) -> Result<Part, FitError> {
         let at = |value: f64| {
-            let (kept, places) = needed(structure, theta, &[column]);
-            let entry = |&k: &usize| if k == column { value } else { theta[k] } as f32;
-            let inputs: Vec<f32> = places.iter().map(entry).collect();
-            self.rollout(demo, &kept, &inputs).map(|r| values(r).frames)
+            if self.hangs() {
+                self.moved::<f64>(demo, structure, theta, (column, value))
+            } else {
+                self.moved::<f32>(demo, structure, theta, (column, value))
+            }
         };
         let (from, to) = rayon::join(|| at(ends[0]), || at(ends[1]));
         let (from, to) = (from?, to?);
@@ -250,6 +268,20 @@ impl Problem<'_> {
             prediction: None,
             slopes: vec![(column, frames)],
         })
+    }
+
+    /// The prediction where one entry of θ has another value.
+    fn moved<T: Laned>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        (column, value): (usize, f64),
+    ) -> Result<Frames, FitError> {
+        let (kept, places) = needed(structure, theta, &[column]);
+        let entry = |&k: &usize| T::of(if k == column { value } else { theta[k] });
+        let inputs: Vec<T> = places.iter().map(entry).collect();
+        self.rollout(demo, &kept, &inputs).map(|r| values(r).frames)
     }
 }
 

@@ -46,6 +46,7 @@ pub fn demo_of(scene: &Scene, clouds_m: Vec<Vec<[f64; 3]>>, noise_m: f64) -> Dem
             format: FORMAT.into(),
             scene: SceneKind::Lift,
             noise_m,
+            planar: false,
             notes: String::new(),
             start: StartState::Straight,
             rope: RopeSpec {

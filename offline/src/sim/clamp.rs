@@ -93,6 +93,13 @@ impl ClampPath {
         &self.knots
     }
 
+    /// Motion of the clamp since its first pose, as recorded.
+    pub fn motion(&self, t_s: f64) -> RigidMotion<f64> {
+        let first = self.knots[0].pose;
+        let held_m = [first[0], first[1], first[2]];
+        RigidMotion::at(&|t| self.pose(t), &first, held_m, &[], t_s)
+    }
+
     /// Whether the clamp holds at time `t_s`.
     pub fn closed(&self, t_s: f64) -> bool {
         self.knots[self.interval(t_s)].closed
@@ -324,6 +331,11 @@ impl<T: Real> RigidMotion<T> {
             position_m: sub([now[0], now[1], now[2]], matvec(&rotation, moved)),
             rotation,
         }
+    }
+
+    /// Where a direction of the first pose points now.
+    pub fn turn(&self, direction: [f64; 3]) -> Vec3<T> {
+        matvec(&self.rotation, direction.map(T::of))
     }
 
     /// Where a point goes whose offset from the first pose's position was `offset_m`.

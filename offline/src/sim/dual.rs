@@ -104,6 +104,15 @@ impl<F: Float, const N: usize> Real for Dual<F, N> {
     type Base = F;
     type Packed = Triple<Self>;
 
+    const TANGENTS: usize = N;
+
+    fn tangent(self, index: usize) -> f64 {
+        self.tangent[index].value()
+    }
+    fn with_tangents(value: f64, tangent: impl Fn(usize) -> f64) -> Self {
+        Self::per_lane(F::of(value), |k| F::of(tangent(k)))
+    }
+
     #[inline(always)]
     fn pack(v: [Self; 3]) -> Triple<Self> {
         Triple(v)

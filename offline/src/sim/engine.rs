@@ -30,6 +30,8 @@ pub(super) trait Engine<T> {
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
     /// Updates the nodes.
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
+    /// Gives the nodes velocities, m/s, in the order of [`Grid`], before the first step.
+    fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]);
     /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
     fn fastest(&self) -> (usize, f64);
     /// Force of every grip on the rope in the step that ended in this state, N.
@@ -63,6 +65,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     #[inline(always)]
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
         Sweep::update_nodes(self, context, decay);
+    }
+    fn set_node_velocities(&mut self, _velocities_m_s: &[Vec3<T>]) {
+        unreachable!("scenes that start in motion run one particle after the other");
     }
     #[inline(always)]
     fn fastest(&self) -> (usize, f64) {
@@ -130,6 +135,11 @@ impl<T: Real> Engine<T> for OneByOne<T> {
     }
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
         update_nodes(&mut self.grid, context, decay);
+    }
+    fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]) {
+        for (node, velocity) in self.grid.nodes.iter_mut().zip(velocities_m_s) {
+            *node = T::pack(*velocity);
+        }
     }
     fn fastest(&self) -> (usize, f64) {
         let mut fastest = (0, 0.0);

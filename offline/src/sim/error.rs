@@ -56,6 +56,28 @@ pub enum Cause {
         /// The longest that is stable, s.
         longest_s: f64,
     },
+    /// Newton's method found no pose at rest.
+    #[error(
+        "no pose at rest was found, the last step moved the rope by {moved_m:.1e} m: it may be too soft or buckle"
+    )]
+    NoRest {
+        /// Size of the last step, m.
+        moved_m: f64,
+    },
+    /// A gradient was asked for where the start depends on the parameters.
+    #[error("gradients in reverse need a rope that starts straight: take tangents")]
+    HangsAtStart,
+    /// A pose at rest was asked of a material that is not simply elastic.
+    #[error(
+        "poses at rest are found for elastic ropes only: leave out shape, bending, memory and yield effects"
+    )]
+    OtherMaterialAtRest,
+    /// The rope would rest on the table, which poses at rest do not know.
+    #[error("the rope at rest reaches down to z = {lowest_m:.3} m and would lie on the table")]
+    RestsOnTable {
+        /// Height of its lowest point, m.
+        lowest_m: f64,
+    },
     /// A gradient does not fit into the memory that it may use.
     #[error(
         "the gradient needs {needed_bytes} bytes, {budget_bytes} are allowed: allow more or shorten the rollout"

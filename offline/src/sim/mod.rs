@@ -52,13 +52,16 @@
 //! step ([`scene::StepLength`]); tangents are then exact.
 
 pub mod adjoint;
+pub mod band;
 mod blocks;
 pub mod clamp;
+pub mod curve;
 pub mod dual;
 pub mod elastic;
 mod engine;
 pub mod error;
 pub mod grid;
+mod hanging;
 pub mod kernel;
 pub mod lanes;
 mod laws;
@@ -69,6 +72,8 @@ pub mod real;
 pub mod rollout;
 pub mod rope;
 pub mod scene;
+pub mod start;
+pub mod statics;
 pub mod step;
 mod sweep;
 pub mod tensor;

@@ -95,6 +95,17 @@ pub trait Real: Arithmetic {
     fn exp(self) -> Self;
     /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
+
+    /// Number of derivatives that a number carries.
+    const TANGENTS: usize = 0;
+    /// Derivative number `index`.
+    fn tangent(self, _index: usize) -> f64 {
+        0.0
+    }
+    /// A number from its value and its derivatives.
+    fn with_tangents(value: f64, _tangent: impl Fn(usize) -> f64) -> Self {
+        Self::of(value)
+    }
 }
 
 /// Three numbers side by side: the packed vector of number types that have no vector register.

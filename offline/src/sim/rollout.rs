@@ -4,6 +4,7 @@ use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
+use super::hanging::{hang, hang_still};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
@@ -12,6 +13,7 @@ use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene};
+use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
 use super::tensor::{Vec3, add, mul, scaled, sub, zero3};
@@ -71,33 +73,19 @@ impl<T: Real> Track<T> {
 /// Particles of the undeformed rope at rest.
 pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
     let (side, up) = perpendicular(scene.direction);
+    let straight = std::array::from_fn(|k| [scene.direction[k], side[k], up[k]].map(T::of));
     (0..layout.particles())
         .map(|index| {
-            let s = layout.slice_of(index).arc_m;
-            let [a, b] = layout.section_m[index % layout.section_m.len()];
-            let position: [f64; 3] =
-                std::array::from_fn(|k| scene.start_m[k] + s * scene.direction[k] + a * side[k] + b * up[k]);
-            let grip = scene.grips.iter().position(|grip| {
-                let from_end = match grip.end {
-                    RopeEnd::Start => s,
-                    RopeEnd::End => layout.shape.length_m - s,
-                };
-                from_end <= grip.length_m
-            });
+            let material_m = layout.material_m(index);
             Particle {
-                position_m: position.map(T::of),
+                position_m: scene.straight_m(material_m).map(T::of),
                 velocity_m_s: zero3(),
                 deformation_rate: [zero3(); 3],
-                deformation_gradient: std::array::from_fn(|k| {
-                    [scene.direction[k], side[k], up[k]].map(T::of)
-                }),
+                deformation_gradient: straight,
                 mass_kg: masses_kg[index],
                 volume_m3: layout.particle_volume_m3(index),
                 length_m: layout.particle_length_m(index),
-                grip: grip.map(|g| {
-                    let first = scene.grips[g].path.knots()[0].pose;
-                    (g, std::array::from_fn(|k| position[k] - first[k]))
-                }),
+                grip: scene.grip_offset(material_m),
             }
         })
         .collect()
@@ -109,7 +97,8 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     // Lanes run along the slices and know single particles; what slices share or remember they do not.
-    if physics.changes_material() {
+    // The first velocities of a start in motion stand at the grid's nodes in their plain order.
+    if physics.changes_material() || matches!(scene.start, Start::Moving(_)) {
         return simulate_one_by_one(scene, physics);
     }
     #[cfg(target_arch = "x86_64")]
@@ -154,8 +143,13 @@ fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> 
 
 #[inline(always)]
 fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    if let Start::Poses(poses) = &scene.start {
+        check_parameters(physics)?;
+        scene.check()?;
+        return hang_still(scene, physics, poses);
+    }
     let setup = Setup::new(scene, physics)?;
-    let mut engine: E = setup.engine();
+    let mut engine: E = setup.hanging_engine()?;
     let mut recorder = Recorder::new(scene);
     for state in 0..=setup.steps {
         let motions = setup.motions(state);
@@ -256,6 +250,19 @@ impl<'a, T: Real> Setup<'a, T> {
         E::new(&self.context, &self.layout, self.scene.grid, particles, material)
     }
 
+    /// The same where the rope may hang at the start.
+    fn hanging_engine<E: Engine<T>>(&self) -> Result<E, SimError> {
+        let mut particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
+        let velocities =
+            hang(self.scene, self.context.physics, &mut particles).map_err(SimError::at_start)?;
+        let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
+        let mut engine = E::new(&self.context, &self.layout, self.scene.grid, particles, material);
+        if let Some(velocities_m_s) = velocities {
+            engine.set_node_velocities(&velocities_m_s);
+        }
+        Ok(engine)
+    }
+
     /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
     /// for runaway particles, because an instability takes many steps to grow, and at the last state.
     #[inline(always)]
@@ -315,11 +322,20 @@ pub fn grip_motions<T: Real>(
     scene.grips.iter().enumerate().map(motion).collect()
 }
 
-/// Masses of the particles as the laws leave them, kg.
+/// Masses of the particles, kg: the rope's, the declared mass at its end, and what the laws change.
 pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayout) -> Vec<T> {
     let density = scene.rope.density_kg_m3();
+    let members = layout.section_m.len();
+    let first_of_end = layout.particles() - members;
+    let end_kg = |p: usize| {
+        if p < first_of_end {
+            0.0
+        } else {
+            scene.end_mass_kg / members as f64
+        }
+    };
     let mut masses: Vec<T> = (0..layout.particles())
-        .map(|p| T::of(density * layout.particle_volume_m3(p)))
+        .map(|p| T::of(density * layout.particle_volume_m3(p) + end_kg(p)))
         .collect();
     for law in &physics.mass_laws {
         law.change_masses_kg(layout, &mut masses);
@@ -518,7 +534,7 @@ fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
 /// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a
 /// rope that hangs or stands is one that was turned about y without a roll, so that properties of the
 /// material keep their side from a lift to a swing.
-fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+pub(super) fn perpendicular(axis: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]
     } else {

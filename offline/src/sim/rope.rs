@@ -109,6 +109,12 @@ impl RopeLayout {
         self.slices[particle / self.section_m.len()]
     }
 
+    /// Undeformed coordinates (s, side, up) of a particle, m.
+    pub fn material_m(&self, particle: usize) -> [f64; 3] {
+        let [a, b] = self.section_m[particle % self.section_m.len()];
+        [self.slice_of(particle).arc_m, a, b]
+    }
+
     /// Length of rope that a particle stands for, m.
     pub fn particle_length_m(&self, particle: usize) -> f64 {
         self.slice_of(particle).length_m / self.section_m.len() as f64

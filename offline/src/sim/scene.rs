@@ -4,7 +4,10 @@
 use super::clamp::{ClampPath, Knot};
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
+use super::rollout::perpendicular;
 use super::rope::{RopeLayout, RopeShape, Sampling};
+use super::start::Start;
+use super::tensor::sub;
 use crate::demo::{Demo, RopeEnd};
 use shared::profile::{LineProfile, MotionLimits};
 use shared::task::SwingTask;
@@ -45,6 +48,10 @@ pub struct Scene {
     pub start_m: [f64; 3],
     /// Unit vector from s = 0 to s = length at the start.
     pub direction: [f64; 3],
+    /// How the rope is at the start.
+    pub start: Start,
+    /// Known mass at s = length besides the rope's own, kg.
+    pub end_mass_kg: f64,
     /// Gripped ends.
     pub grips: Vec<Grip>,
     /// The table, if any.
@@ -144,7 +151,37 @@ impl Scene {
         let table = spec.table.as_ref().map(|table| Table {
             height_m: table.height_m,
         });
-        Self::new(rope, start_m, direction, grips, table, cells, frame_times_s)
+        let mut scene = Self::unchecked(rope, start_m, direction, grips, table, cells, frame_times_s)?;
+        scene.start = Start::of_demo(demo, &scene.rope, &scene.grips);
+        scene.end_mass_kg = spec.rope.end_mass_kg;
+        scene.refuse_unreachable()?;
+        Ok(scene)
+    }
+
+    /// The grip that may hold the point with undeformed coordinates (s, side, up), and where the
+    /// point lies relative to the first pose of that grip, m.
+    pub fn grip_offset(&self, material_m: [f64; 3]) -> Option<(usize, [f64; 3])> {
+        let length_m = self.rope.length_m;
+        let s = material_m[0];
+        let index = self.grips.iter().position(|grip| match grip.end {
+            RopeEnd::Start => s <= grip.length_m,
+            RopeEnd::End => length_m - s <= grip.length_m,
+        })?;
+        let grip = &self.grips[index];
+        let offset = match self.start.hang() {
+            Some(hang) => hang.grip_offset(index, grip, length_m, material_m),
+            None => sub(
+                self.straight_m(material_m),
+                position_of(&grip.path.knots()[0].pose),
+            ),
+        };
+        Some((index, offset))
+    }
+
+    /// Where a point of the straight rope with undeformed coordinates (s, side, up) lies, m.
+    pub fn straight_m(&self, [s, a, b]: [f64; 3]) -> [f64; 3] {
+        let (side, up) = perpendicular(self.direction);
+        std::array::from_fn(|k| self.start_m[k] + s * self.direction[k] + a * side[k] + b * up[k])
     }
 
     /// The swing task with the true motion of the robot: drag at `limits`, dwell, open.
@@ -241,6 +278,20 @@ impl Scene {
         cells: f64,
         frame_times_s: Vec<f64>,
     ) -> Result<Self, SimError> {
+        let scene = Self::unchecked(rope, start_m, direction, grips, table, cells, frame_times_s)?;
+        scene.refuse_unreachable()?;
+        Ok(scene)
+    }
+
+    fn unchecked(
+        rope: RopeShape,
+        start_m: [f64; 3],
+        direction: [f64; 3],
+        grips: Vec<Grip>,
+        table: Option<Table>,
+        cells: f64,
+        frame_times_s: Vec<f64>,
+    ) -> Result<Self, SimError> {
         if !cells.is_finite() || cells < MIN_CELLS_PER_DIAMETER {
             return Err(SimError::at_start(Cause::TooThin { cells }));
         }
@@ -248,6 +299,8 @@ impl Scene {
             rope,
             start_m,
             direction,
+            start: Start::Straight,
+            end_mass_kg: 0.0,
             grips,
             table,
             grid: GridSpec {
@@ -265,7 +318,6 @@ impl Scene {
         };
         scene.check()?;
         scene.lay_grid(cells);
-        scene.refuse_unreachable()?;
         Ok(scene)
     }
 
@@ -310,12 +362,19 @@ impl Scene {
     fn refuse_unreachable(&self) -> Result<(), SimError> {
         let [a, b] = &self.grips[..] else { return Ok(()) };
         let length_m = self.rope.length_m - a.length_m - b.length_m;
-        let inner = |grip: &Grip, pose: [f64; 7]| -> [f64; 3] {
+        let mouth = |index: usize, t_s: f64| -> [f64; 3] {
+            let grip = &self.grips[index];
             let sign = if grip.end == RopeEnd::Start { 1.0 } else { -1.0 };
-            std::array::from_fn(|k| pose[k] + sign * grip.length_m * self.direction[k])
+            let direction = self
+                .start
+                .hang()
+                .map_or(self.direction, |hang| hang.frames[index][0]);
+            grip.path
+                .motion(t_s)
+                .place(direction.map(|d| sign * grip.length_m * d))
         };
         for knot in a.path.knots().iter().chain(b.path.knots()) {
-            let (pa, pb) = (inner(a, a.path.pose(knot.t_s)), inner(b, b.path.pose(knot.t_s)));
+            let (pa, pb) = (mouth(0, knot.t_s), mouth(1, knot.t_s));
             let distance_m = (0..3).map(|k| (pa[k] - pb[k]).powi(2)).sum::<f64>().sqrt();
             let both_closed = a.path.closed(knot.t_s) && b.path.closed(knot.t_s);
             if both_closed && distance_m > length_m * (1.0 + STRETCH_ALLOWED) {
@@ -456,6 +515,10 @@ const SETTLE_S: f64 = 0.35;
 /// Damping rate during the quick approach, 1/s: about critical for the slowest mode of a rope of
 /// some tenths of a metre held at both ends.
 const SETTLE_RATE_PER_S: f64 = 40.0;
+
+fn position_of(pose: &[f64; 7]) -> [f64; 3] {
+    [pose[0], pose[1], pose[2]]
+}
 
 fn require(name: &'static str, value: f64, holds: bool) -> Result<(), SimError> {
     if holds {

@@ -127,9 +127,13 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::Unreachable { .. } => "refused: unreachable",
         Cause::TooLong { .. } => "refused: too long",
         Cause::StepTooLong { .. } => "refused: step too long",
+        Cause::OtherMaterialAtRest => "refused: not elastic at rest",
         Cause::Memory { .. } => "refused: too little memory",
         Cause::OneWay => "refused: no way back",
         Cause::BadParameter { .. } => "refused: bad parameter",
+        Cause::NoRest { .. } => "refused: no pose at rest",
+        Cause::HangsAtStart => "refused: hangs at the start",
+        Cause::RestsOnTable { .. } => "refused: rests on the table",
     }
 }
 

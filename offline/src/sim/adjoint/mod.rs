@@ -168,6 +168,10 @@ fn run<F: Precision, M: Family, I: Instructions>(
         return Err(SimError::at_start(Cause::OneWay));
     }
     let setup = Setup::new(scene, &physics)?;
+    if scene.start.hang().is_some() {
+        // The start itself would depend on the parameters.
+        return Err(SimError::at_start(super::Cause::HangsAtStart));
+    }
     let mut engine: Sweep<F, I> = setup.engine();
     let nodes_bytes = size_of_val(engine.blocks.velocity.channel(0));
     let state_bytes = size_of_val(&engine.blocks.bodies[..]) + nodes_bytes;

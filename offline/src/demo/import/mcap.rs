@@ -1,0 +1,293 @@
+//! A recording as `ros2 bag record` writes it (MCAP, messages in CDR): clouds, and the clamp as a pose
+//! or as the joints of the arm that holds it.
+
+use super::make_continuous;
+use crate::demo::export::{EPOCH_KEY, SPEC_NAME};
+use crate::demo::ros::{
+    self, Bool, FLOAT32, FLOAT64, Header, JointState, Message, PointCloud2, PointField, PoseStamped,
+};
+use crate::demo::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, Observations};
+use mcap::records::Record;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use shared::arm::{JOINTS, flange};
+use shared::blob::TaskFrame;
+use std::path::Path;
+
+/// Which topics of a recording are what.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct McapTopics {
+    /// `sensor_msgs/msg/PointCloud2`, the rope alone.
+    pub cloud: String,
+    /// `geometry_msgs/msg/PoseStamped` of the rope's end in each clamp, in the order of `[[clamps]]`.
+    pub clamps: Vec<String>,
+    /// `sensor_msgs/msg/JointState` of the arm that is the only clamp, in place of `clamps`.
+    pub joints: Option<String>,
+    /// `std_msgs/msg/Bool` per clamp, true while it holds; without it clamps hold throughout.
+    pub closed: Vec<String>,
+}
+
+/// Reads a recording. `spec` declares rope, clamps and cameras; the recording's own attachment does
+/// where it is left out. `frame` says where the arm stands, for joints only.
+///
+/// # Errors
+/// The file is no recording, a topic is not there or of another type, or frames of reference differ.
+pub fn mcap(
+    file: &Path,
+    topics: &McapTopics,
+    spec: Option<DemoSpec>,
+    frame: &TaskFrame,
+    name: &str,
+) -> Result<Demo, DemoError> {
+    let bytes = std::fs::read(file).map_err(|e| DemoError::io(file, "reading", &e))?;
+    let recording = Recording { file, bytes };
+    let spec = match spec {
+        Some(spec) => spec,
+        None => recording.spec()?,
+    };
+    let clouds: Vec<Stamped<PointCloud2>> = recording.messages(&topics.cloud)?;
+    let mut clamps: Vec<Vec<ClampSample>> = Vec::new();
+    if let Some(topic) = &topics.joints {
+        let joints: Vec<Stamped<JointState>> = recording.messages(topic)?;
+        let path = joints.iter().map(|m| recording.of_joints(m, frame));
+        clamps.push(path.collect::<Result<_, _>>()?);
+    }
+    for topic in &topics.clamps {
+        let poses: Vec<Stamped<PoseStamped>> = recording.messages(topic)?;
+        recording.same_frame(&clouds[0].message.header, &poses[0].message.header)?;
+        clamps.push(poses.iter().map(of_pose).collect());
+    }
+    clamps.iter_mut().for_each(|path| make_continuous(path));
+    for (path, topic) in clamps.iter_mut().zip(&topics.closed) {
+        let states: Vec<Stamped<Bool>> = recording.messages(topic)?;
+        for sample in path {
+            let after = states.partition_point(|state| state.t_s <= sample.t_s + 1e-9);
+            sample.closed = states[after.saturating_sub(1)].message.data;
+        }
+    }
+    let frames: Result<Vec<CloudFrame>, DemoError> = clouds.iter().map(|m| recording.of_cloud(m)).collect();
+    Ok(Demo {
+        name: name.to_owned(),
+        spec,
+        commanded: vec![None; clamps.len()],
+        clamps,
+        observations: Observations::Clouds(frames?),
+    })
+}
+
+/// A message with its time from the demonstration's start, s.
+struct Stamped<M> {
+    t_s: f64,
+    message: M,
+}
+
+/// Messages that may say themselves when they were measured.
+trait Timed: Message {
+    fn header(&self) -> Option<&Header>;
+}
+
+macro_rules! timed {
+    ($($message:ty),*) => {$(
+        impl Timed for $message {
+            fn header(&self) -> Option<&Header> {
+                Some(&self.header)
+            }
+        }
+    )*};
+}
+
+timed!(PointCloud2, PoseStamped, JointState);
+
+impl Timed for Bool {
+    fn header(&self) -> Option<&Header> {
+        None
+    }
+}
+
+struct Recording<'a> {
+    file: &'a Path,
+    bytes: Vec<u8>,
+}
+
+impl Recording<'_> {
+    fn error(&self, problem: impl Into<String>, remedy: &str) -> DemoError {
+        DemoError::new(self.file, problem, remedy)
+    }
+
+    fn unreadable(&self, error: &mcap::McapError) -> DemoError {
+        self.error(
+            format!("not a readable MCAP recording ({error})"),
+            "give an uncompressed .mcap file; `ros2 bag convert` makes one from others",
+        )
+    }
+
+    /// The attached `demo.toml`.
+    fn spec(&self) -> Result<DemoSpec, DemoError> {
+        let records = mcap::read::LinearReader::new(&self.bytes).map_err(|e| self.unreadable(&e))?;
+        for record in records {
+            if let Record::Attachment { header, data, .. } = record.map_err(|e| self.unreadable(&e))?
+                && header.name == SPEC_NAME
+            {
+                let text = String::from_utf8_lossy(&data);
+                let fix = "name a whole one with --spec";
+                return toml::from_str(&text).map_err(|e: toml::de::Error| {
+                    self.error(format!("attached {SPEC_NAME}: {}", e.message()), fix)
+                });
+            }
+        }
+        Err(self.error(
+            "the recording does not say what the rope is",
+            "name a demo.toml that declares rope and clamps with --spec",
+        ))
+    }
+
+    /// Time of t = 0, ns: that of an exported demonstration, else of the first message.
+    fn epoch_ns(&self) -> Result<u64, DemoError> {
+        let mut first = u64::MAX;
+        for message in mcap::MessageStream::new(&self.bytes).map_err(|e| self.unreadable(&e))? {
+            let message = message.map_err(|e| self.unreadable(&e))?;
+            let epoch = message.channel.metadata.get(EPOCH_KEY);
+            if let Some(epoch) = epoch.and_then(|e| e.parse().ok()) {
+                return Ok(epoch);
+            }
+            first = first.min(message.log_time);
+        }
+        Ok(first)
+    }
+
+    fn messages<M: Timed>(&self, topic: &str) -> Result<Vec<Stamped<M>>, DemoError> {
+        let epoch_ns = self.epoch_ns()?;
+        let mut list: Vec<Stamped<M>> = Vec::new();
+        let mut there = std::collections::BTreeSet::new();
+        for message in mcap::MessageStream::new(&self.bytes).map_err(|e| self.unreadable(&e))? {
+            let message = message.map_err(|e| self.unreadable(&e))?;
+            there.insert(message.channel.topic.clone());
+            if message.channel.topic != topic {
+                continue;
+            }
+            let kind = message
+                .channel
+                .schema
+                .as_ref()
+                .map_or("unknown", |s| s.name.as_str());
+            if kind != M::NAME {
+                return Err(self.error(
+                    format!("topic {topic} holds {kind}, not {}", M::NAME),
+                    "name another topic",
+                ));
+            }
+            let decoded: M = ros::decode(&message.data).map_err(|problem| {
+                self.error(format!("a message of {topic}: {problem}"), "record it again")
+            })?;
+            let stamp_ns = decoded.header().map_or(i128::from(message.log_time), |h| {
+                i128::from(h.stamp.sec) * 1_000_000_000 + i128::from(h.stamp.nanosec)
+            });
+            list.push(Stamped {
+                t_s: (stamp_ns - i128::from(epoch_ns)) as f64 / 1e9,
+                message: decoded,
+            });
+        }
+        if list.is_empty() {
+            let there: Vec<String> = there.into_iter().collect();
+            return Err(self.error(
+                format!("there is no topic {topic}, only {}", there.join(", ")),
+                "name one that is there",
+            ));
+        }
+        list.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        Ok(list)
+    }
+
+    fn same_frame(&self, a: &Header, b: &Header) -> Result<(), DemoError> {
+        if a.frame_id == b.frame_id {
+            return Ok(());
+        }
+        Err(self.error(
+            format!(
+                "clouds are in frame '{}', the clamp in '{}'",
+                a.frame_id, b.frame_id
+            ),
+            "record both in one frame, for example through tf2",
+        ))
+    }
+
+    fn of_cloud(&self, stamped: &Stamped<PointCloud2>) -> Result<CloudFrame, DemoError> {
+        let cloud = &stamped.message;
+        let bad = |problem: &str| self.error(problem, "publish x, y, z as float32 or float64 in metres");
+        if cloud.is_bigendian {
+            return Err(bad("a cloud is big-endian"));
+        }
+        let field = |name: &str| -> Result<&PointField, DemoError> {
+            let found = cloud.fields.iter().find(|f| f.name == name);
+            let real = found.filter(|f| matches!(f.datatype, FLOAT32 | FLOAT64));
+            real.ok_or_else(|| bad("a cloud has no float field x, y or z"))
+        };
+        let fields = [field("x")?, field("y")?, field("z")?];
+        let step = cloud.point_step as usize;
+        let count = cloud.width as usize * cloud.height as usize;
+        if step == 0 || count.checked_mul(step) != Some(cloud.data.len()) {
+            return Err(bad("a cloud holds more or fewer bytes than it says"));
+        }
+        let number = |record: &[u8], field: &PointField| -> Option<f64> {
+            let bytes = record.get(field.offset as usize..)?;
+            match field.datatype {
+                FLOAT64 => bytes.first_chunk().map(|b| f64::from_le_bytes(*b)),
+                _ => bytes.first_chunk().map(|b| f64::from(f32::from_le_bytes(*b))),
+            }
+        };
+        let mut points_m = Vec::with_capacity(count);
+        for record in cloud.data.chunks_exact(step) {
+            let mut point = [0.0; 3];
+            for (x, field) in point.iter_mut().zip(fields) {
+                *x = number(record, field).ok_or_else(|| bad("a field lies outside its point"))?;
+            }
+            // Pixels without depth are not numbers.
+            if point.iter().all(|x| x.is_finite()) {
+                points_m.push(point);
+            }
+        }
+        Ok(CloudFrame {
+            t_s: stamped.t_s,
+            points_m,
+        })
+    }
+
+    /// Joint angles in the arm's order: by the driver's names joint1 to joint7, else as they stand.
+    fn joints(&self, state: &JointState) -> Result<[f64; JOINTS], DemoError> {
+        let mut q = [0.0; JOINTS];
+        for (k, angle) in q.iter_mut().enumerate() {
+            let wanted = format!("joint{}", k + 1);
+            let at = state.name.iter().position(|name| *name == wanted).unwrap_or(k);
+            *angle = *state.position.get(at).ok_or_else(|| {
+                self.error(
+                    format!("a JointState has {} positions", state.position.len()),
+                    "record all seven joints of the xArm7",
+                )
+            })?;
+        }
+        Ok(q)
+    }
+
+    /// The flange for some joints, in the task's frame.
+    fn of_joints(&self, stamped: &Stamped<JointState>, frame: &TaskFrame) -> Result<ClampSample, DemoError> {
+        let pose = flange(&self.joints(&stamped.message)?);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -frame.yaw_rad);
+        let rotation = Rotation3::from_matrix_unchecked(pose.rotation);
+        Ok(ClampSample {
+            t_s: stamped.t_s,
+            position_m: (turn * (pose.position_m - Vector3::from(frame.origin_m))).into(),
+            quaternion_xyzw: (turn * UnitQuaternion::from_rotation_matrix(&rotation))
+                .coords
+                .into(),
+            closed: true,
+        })
+    }
+}
+
+fn of_pose(stamped: &Stamped<PoseStamped>) -> ClampSample {
+    ClampSample {
+        t_s: stamped.t_s,
+        position_m: stamped.message.position_m,
+        quaternion_xyzw: stamped.message.quaternion_xyzw,
+        closed: true,
+    }
+}

@@ -1,0 +1,285 @@
+//! What cannot be true of a rope: scales, axes, clamps and cameras that contradict each other.
+
+use super::summary::{Frame, distance};
+use super::{CameraSpec, ClampSample, Demo, MarkerSample, Observations, RopeEnd, SceneKind, StartState};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+/// Stretch and error of arc lengths that a chord may show.
+const CHORD_ALLOWED: f64 = 1.05;
+/// If no two neighbouring markers ever come nearer to being stretched out than this share of the rope
+/// between them, the scale is too small.
+const CHORD_LEAST: f64 = 0.9;
+/// Share of rows, frames or points that may break a rule before it is said.
+const FEW: f64 = 0.05;
+/// Shares of the declared length between which the first cloud of a straight rope is long: its ends
+/// may be hidden by the gripper.
+const SEEN_LENGTH: std::ops::Range<f64> = 0.7..1.15;
+
+/// Everything that contradicts itself, one line each.
+pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
+    let mut found = Vec::new();
+    match &demo.observations {
+        Observations::Markers(samples) => {
+            found.extend(chords(demo, samples));
+            found.extend(markers_off_clamps(demo, samples));
+        }
+        Observations::Clouds(_) => found.extend(clouds_off_clamps(demo, frames)),
+    }
+    let straight = demo.spec.start == StartState::Straight;
+    let clouds = matches!(demo.observations, Observations::Clouds(_));
+    if straight && clouds && matches!(demo.spec.scene, SceneKind::Lift | SceneKind::Swing) {
+        found.extend(straight_start(demo, frames));
+    }
+    found
+}
+
+/// Pose of a clamp at the sample before or at a time; none while it is open.
+fn clamp_at(path: &[ClampSample], t_s: f64) -> Option<&ClampSample> {
+    let after = path.partition_point(|sample| sample.t_s <= t_s + 1e-9);
+    let sample = &path[after.saturating_sub(1)];
+    sample.closed.then_some(sample)
+}
+
+/// A chord is never longer than its arc, and somewhere, some time, almost as long.
+fn chords(demo: &Demo, samples: &[MarkerSample]) -> Vec<String> {
+    let slack = 5.0 * demo.spec.noise_m;
+    let (mut pairs, mut long, mut straightest) = (0usize, 0usize, 0f64);
+    for group in samples.chunk_by(|a, b| a.t_s == b.t_s) {
+        let mut group: Vec<&MarkerSample> = group.iter().collect();
+        group.sort_by(|a, b| a.s_m.total_cmp(&b.s_m));
+        for pair in group.windows(2) {
+            let arc = pair[1].s_m - pair[0].s_m;
+            let chord = distance(&pair[0].position_m, &pair[1].position_m);
+            if arc > 2.0 * slack {
+                pairs += 1;
+                long += usize::from(chord > CHORD_ALLOWED * arc + slack);
+                straightest = straightest.max((chord + slack) / arc);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    if long as f64 > FEW * pairs as f64 {
+        found.push(format!(
+            "{:.0} % of neighbouring markers are farther apart than the rope between them is long; \
+             check the scale (metres) and the markers' s_m",
+            100.0 * long as f64 / pairs as f64
+        ));
+    }
+    if pairs > 0 && straightest < CHORD_LEAST {
+        found.push(format!(
+            "neighbouring markers are never farther apart than {:.0} % of the rope between them; \
+             check the scale (metres) and the markers' s_m",
+            100.0 * straightest
+        ));
+    }
+    found
+}
+
+/// A marker is never farther from a clamp than the rope between them is long.
+fn markers_off_clamps(demo: &Demo, samples: &[MarkerSample]) -> Vec<String> {
+    let slack = 5.0 * demo.spec.noise_m;
+    let mut found = Vec::new();
+    for (index, (clamp, path)) in demo.spec.clamps.iter().zip(&demo.clamps).enumerate() {
+        let s_clamp = match clamp.end {
+            RopeEnd::Start => 0.0,
+            RopeEnd::End => demo.spec.rope.length_m,
+        };
+        let (mut all, mut far) = (0usize, 0usize);
+        for marker in samples {
+            if let Some(pose) = clamp_at(path, marker.t_s) {
+                let arc = (marker.s_m - s_clamp).abs();
+                all += 1;
+                far +=
+                    usize::from(distance(&marker.position_m, &pose.position_m) > CHORD_ALLOWED * arc + slack);
+            }
+        }
+        if far as f64 > FEW * all as f64 {
+            found.push(format!(
+                "{:.0} % of the markers are farther from clamp {index} than the rope between them is long; \
+                 does the clamp's path touch the rope? check axes, scale, clock and which end is gripped",
+                100.0 * far as f64 / all as f64
+            ));
+        }
+    }
+    found
+}
+
+/// Some part of the rope is seen near every closed clamp in almost every frame.
+fn clouds_off_clamps(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
+    let mut found = Vec::new();
+    for (index, (clamp, path)) in demo.spec.clamps.iter().zip(&demo.clamps).enumerate() {
+        let allowed = clamp.grip_m + 2.0 * demo.spec.rope.diameter_m + 5.0 * demo.spec.noise_m;
+        let (mut all, mut off) = (0usize, 0usize);
+        for frame in frames {
+            if let Some(pose) = clamp_at(path, frame.t_s) {
+                let nearest = frame.points.iter().map(|p| distance(p, &pose.position_m));
+                all += 1;
+                off += usize::from(nearest.fold(f64::INFINITY, f64::min) > allowed);
+            }
+        }
+        if off as f64 > FEW * all as f64 {
+            found.push(format!(
+                "in {:.0} % of the frames no point lies within {:.0} mm of clamp {index}: its path does not touch \
+                 the rope; check its axes, its offset and the clocks",
+                100.0 * off as f64 / all as f64,
+                1e3 * allowed
+            ));
+        }
+    }
+    found
+}
+
+/// The first cloud of a rope that lies straight: as long as the rope, and on its line.
+fn straight_start(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
+    let (Some(first), Some(path), Some(clamp)) =
+        (frames.first(), demo.clamps.first(), demo.spec.clamps.first())
+    else {
+        return Vec::new();
+    };
+    let rope = &demo.spec.rope;
+    let along = Vector3::from(rope.direction);
+    let start = Vector3::from(path[0].position_m)
+        - match clamp.end {
+            RopeEnd::Start => Vector3::zeros(),
+            RopeEnd::End => rope.length_m * along,
+        };
+    let mut found = Vec::new();
+    let shares = first
+        .points
+        .iter()
+        .map(|p| (Vector3::from(**p) - start).dot(&along));
+    let (low, high) = shares.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| {
+        (l.min(s), h.max(s))
+    });
+    let share = (high - low) / rope.length_m;
+    if !SEEN_LENGTH.contains(&share) {
+        found.push(format!(
+            "the first cloud is {:.0} mm long, the rope that lies straight {:.0} mm; check the scale and length_m",
+            1e3 * (high - low),
+            1e3 * rope.length_m
+        ));
+    }
+    let allowed = rope.diameter_m + 5.0 * demo.spec.noise_m;
+    let on_line = |p: &Vector3<f64>| {
+        let d = p - start;
+        let s = d.dot(&along);
+        (-allowed..=rope.length_m + allowed).contains(&s) && (d - s * along).norm() <= allowed
+    };
+    let points = first.points.iter().map(|p| Vector3::from(**p));
+    let off: Vec<Vector3<f64>> = points.filter(|p| !on_line(p)).collect();
+    if off.len() as f64 <= FEW * first.points.len() as f64 {
+        return found;
+    }
+    let turned = demo.spec.cameras.iter().find(|camera| {
+        let back = off.iter().filter(|p| on_line(&upside_down(camera, p)));
+        back.count() as f64 > (1.0 - 2.0 * FEW) * off.len() as f64
+    });
+    let cause = turned.map_or(
+        "look for background, a wrong camera pose or a rope that does not lie straight".to_owned(),
+        |camera| format!("turned by half about its optical axis, camera '{}' would see them on it: it stands upside down", camera.name),
+    );
+    found.push(format!(
+        "{:.0} % of the first cloud lie off the straight rope; {cause}",
+        100.0 * off.len() as f64 / first.points.len() as f64
+    ));
+    found
+}
+
+/// Where a point would be if the camera that saw it were turned by half about its optical axis.
+fn upside_down(camera: &CameraSpec, point: &Vector3<f64>) -> Vector3<f64> {
+    let [x, y, z, w] = camera.quaternion_xyzw;
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let at = Vector3::from(camera.position_m);
+    let seen = turn.inverse() * (point - at);
+    at + turn * Vector3::new(-seen.x, -seen.y, seen.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo::warnings;
+    use std::path::Path;
+
+    fn shipped() -> Demo {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+        Demo::load(dir).expect("the shipped demo loads")
+    }
+
+    fn warned(demo: &Demo, of: &str) {
+        let found = warnings(demo);
+        assert!(found.iter().any(|warning| warning.contains(of)), "{found:?}");
+    }
+
+    fn clouds(demo: &mut Demo) -> impl Iterator<Item = &mut [f64; 3]> {
+        let Observations::Clouds(frames) = &mut demo.observations else {
+            panic!("the shipped demo has clouds");
+        };
+        frames.iter_mut().flat_map(|frame| &mut frame.points_m)
+    }
+
+    /// Points on the half of the rope's side that looks at the first camera come from it, about.
+    #[test]
+    fn one_camera_upside_down_is_named() {
+        let mut demo = shipped();
+        let camera = demo.spec.cameras[0].clone();
+        let y = demo.clamps[0][0].position_m[1];
+        for point in clouds(&mut demo).filter(|p| p[1] > y) {
+            *point = upside_down(&camera, &Vector3::from(*point)).into();
+        }
+        warned(&demo, &format!("camera '{}'", camera.name));
+        warned(&demo, "upside down");
+    }
+
+    #[test]
+    fn a_wrong_scale_is_noticed_in_either_direction() {
+        for scale in [0.5, 2.0] {
+            let mut demo = shipped();
+            let start = demo.clamps[0][0].position_m;
+            for point in clouds(&mut demo) {
+                *point = std::array::from_fn(|k| start[k] + scale * (point[k] - start[k]));
+            }
+            warned(&demo, "check the scale");
+        }
+    }
+
+    #[test]
+    fn a_clamp_path_that_leaves_the_rope_is_noticed() {
+        let mut demo = shipped();
+        let count = demo.clamps[0].len();
+        for (k, sample) in demo.clamps[0].iter_mut().enumerate() {
+            sample.position_m[1] += 0.3 * k as f64 / count as f64;
+        }
+        warned(&demo, "does not touch");
+    }
+
+    /// Five markers along the lifted rope's start, straight.
+    fn marked() -> Demo {
+        let mut demo = shipped();
+        let start = demo.clamps[0][0].position_m;
+        let marker = |k: usize| MarkerSample {
+            t_s: 0.0,
+            marker: format!("m{k}"),
+            s_m: 0.05 * k as f64,
+            position_m: [start[0] + 0.05 * k as f64, start[1], start[2]],
+        };
+        demo.observations = Observations::Markers((1..5).map(marker).collect());
+        demo
+    }
+
+    #[test]
+    fn markers_of_a_wrong_scale_or_far_from_the_clamp_are_noticed() {
+        let spoiled = |turn: &dyn Fn([f64; 3]) -> [f64; 3]| {
+            let mut demo = marked();
+            let Observations::Markers(samples) = &mut demo.observations else {
+                panic!("markers");
+            };
+            samples.iter_mut().for_each(|m| m.position_m = turn(m.position_m));
+            demo
+        };
+        let plain = contradictions(&marked(), &[]);
+        assert!(plain.is_empty(), "{plain:?}");
+        warned(&spoiled(&|p| p.map(|x| 2.0 * x)), "farther apart than the rope");
+        warned(&spoiled(&|p| p.map(|x| 0.5 * x)), "never farther apart");
+        warned(&spoiled(&|[x, y, z]| [x, y + 0.5, z]), "farther from clamp 0");
+    }
+}

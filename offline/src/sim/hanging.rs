@@ -1,0 +1,103 @@
+//! Ropes that hang: their masses, the state in which a rollout starts, and scenes without time.
+
+use super::error::{Cause, SimError};
+use super::physics::Physics;
+use super::real::Real;
+use super::rollout::{Rollout, Track};
+use super::scene::Scene;
+use super::start::{Hang, Start};
+use super::statics::{Nodes, Pose, Statics};
+use super::step::Particle;
+use super::tensor::{Vec3, add, scaled, sub, zero3};
+use rayon::prelude::*;
+
+/// Brings the particles to where the scene starts, if the rope hangs there. Returns the velocities of
+/// the nodes, m/s, if it moves.
+pub(super) fn hang<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    particles: &mut [Particle<T>],
+) -> Result<Option<Nodes<T>>, Cause> {
+    let Some(hang) = scene.start.hang() else {
+        return Ok(None);
+    };
+    refuse_other_materials(physics)?;
+    let statics = Statics::new(scene, physics);
+    let first = statics.solve(&hang.poses[0])?;
+    let later = match (&scene.start, hang.poses.get(1)) {
+        (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
+        _ => None,
+    };
+    for (index, particle) in particles.iter_mut().enumerate() {
+        (particle.position_m, particle.deformation_gradient) = statics.particle(&first, index);
+    }
+    Ok(later.map(|(after_s, nodes)| {
+        let pairs = nodes.iter().zip(&first);
+        pairs.map(|(b, a)| scaled(sub(*b, *a), 1.0 / after_s)).collect()
+    }))
+}
+
+/// The poses of a scene without time.
+pub(super) fn hang_still<T: Real>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    hang: &Hang,
+) -> Result<Rollout<T>, SimError> {
+    refuse_other_materials(physics).map_err(SimError::at_start)?;
+    let statics = Statics::new(scene, physics);
+    let layout = scene.layout();
+    let members = layout.section_m.len();
+    let frame = |pose: &Pose| {
+        let nodes = statics.solve(pose).map_err(|cause| SimError {
+            step: 0,
+            t_s: pose.t_s,
+            cause,
+        })?;
+        let middle = |slice: usize| {
+            let of_slice = slice * members..(slice + 1) * members;
+            let sum = of_slice.fold(zero3(), |sum, p| add(sum, statics.particle(&nodes, p).0));
+            scaled(sum, 1.0 / members as f64)
+        };
+        let points_m: Vec<Vec3<T>> = (0..layout.slices.len()).map(middle).collect();
+        let velocities_m_s = vec![zero3(); points_m.len()];
+        let track = Track {
+            points_m,
+            velocities_m_s,
+        };
+        let kept = if scene.keep_particles {
+            layout.particles()
+        } else {
+            0
+        };
+        let particles: Vec<Vec3<T>> = (0..kept).map(|p| statics.particle(&nodes, p).0).collect();
+        Ok((track, particles, statics.grip_forces_n(&nodes, pose)))
+    };
+    let found: Vec<(Track<T>, Vec<Vec3<T>>, Vec<Vec3<T>>)> = hang
+        .poses
+        .par_iter()
+        .map(frame)
+        .collect::<Result<_, SimError>>()?;
+    Ok(Rollout {
+        frames: found.iter().map(|f| f.0.seen(physics, scene.start_m)).collect(),
+        particles: if scene.keep_particles {
+            found.iter().map(|f| f.1.clone()).collect()
+        } else {
+            Vec::new()
+        },
+        grip_forces_n: found.iter().map(|f| f.2.clone()).collect(),
+        tracks: found.into_iter().map(|f| f.0).collect(),
+        arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
+        reach_m: None,
+        steps: 0,
+        dt_s: 0.0,
+    })
+}
+
+/// Newton's method knows elasticity and stress laws, not a stress-free shape, memory, flow or a bending
+/// stiffness of its own.
+fn refuse_other_materials<T: Real>(physics: &Physics<T>) -> Result<(), Cause> {
+    if physics.changes_material() {
+        return Err(Cause::OtherMaterialAtRest);
+    }
+    Ok(())
+}

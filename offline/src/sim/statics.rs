@@ -1,0 +1,498 @@
+//! Where a rope hangs still: the rest state of the simulator's own discretisation, by Newton's method.
+//!
+//! Weights are functions of undeformed coordinates, so positions and deformation gradients of the
+//! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
+//! one in which the forces at the nodes vanish: stress, weight, laws, clamps. That system is solved
+//! directly; a damped rollout to the same state takes some thousand times as many operations. The
+//! tangent matrix is that of the elastic rope. Numbers with tangents go through the same iteration,
+//! so that what comes out carries the exact derivatives of the rest state.
+//!
+//! It takes double precision: nodes at the rope's surface are held by so little of it that single
+//! precision loses them.
+
+use super::band::{Band, Factor};
+use super::clamp::STIFFNESS;
+use super::curve::Curve;
+use super::dual::Dual;
+use super::elastic::{Lame, piola_stress};
+use super::error::Cause;
+use super::grid::{Grid, STENCIL};
+use super::physics::{ForcePoint, Physics, StressPoint};
+use super::real::{Arithmetic, Real};
+use super::rollout::{grip_motions, masses_kg, time_step_s};
+use super::rope::RopeLayout;
+use super::scene::Scene;
+use super::tensor::{Mat3, Vec3, add, dot, matmul, mul, scaled, sub, transpose_inverse, zero3};
+
+/// A spring that pulls the rope's axis to a point where it was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pin {
+    /// Arc length, m.
+    pub arc_m: f64,
+    /// Where it was seen, m.
+    pub target_m: [f64; 3],
+    /// Stiffness, N/m.
+    pub stiffness_n_m: f64,
+}
+
+/// One pose to find: when the clamps had it, a first guess, and springs that hold it.
+#[derive(Clone, Debug)]
+pub struct Pose {
+    /// Time on the clamps' paths, s.
+    pub t_s: f64,
+    /// First guess.
+    pub guess: Curve,
+    /// Springs; none where the rope hangs free.
+    pub pins: Vec<Pin>,
+}
+
+/// Inertia of the first step and below which there is none any more, in units of a pendulum's squared
+/// frequency.
+const FIRST_INERTIA: f64 = 100.0;
+const LAST_INERTIA: f64 = 0.1;
+/// Most steps of Newton's method.
+const MAX_STEPS: usize = 120;
+/// Largest change of a deformation gradient in one step.
+const STEP_CAP: f64 = 0.3;
+/// A step that moves no node by more than this share of a cell ends the search.
+const TOLERANCE_CELLS: f64 = 1e-4;
+/// The same for tangents, as a share of the largest one.
+const TANGENT_TOLERANCE: f64 = 1e-4;
+/// Share of its diagonal that is added to the matrix: some nodes are held by almost no particle.
+const REGULARISATION: f64 = 1e-9;
+
+/// The rest states of one rope.
+pub struct Statics<'a, T: Real> {
+    scene: &'a Scene,
+    physics: &'a Physics<T>,
+    layout: RopeLayout,
+    grid: Grid<f64>,
+    masses_kg: Vec<T>,
+    lame: Lame<T>,
+    /// Stiffness of the clamps' springs per mass, 1/s²: κ/dt² of the rollout.
+    clamp_per_kg: f64,
+    /// Place of each node in the matrix, along the rope.
+    place: Vec<usize>,
+    band: usize,
+}
+
+/// Positions of the nodes, m.
+pub type Nodes<T> = Vec<Vec3<T>>;
+
+impl<'a, T: Real> Statics<'a, T> {
+    /// The rope of a scene.
+    pub fn new(scene: &'a Scene, physics: &'a Physics<T>) -> Self {
+        let layout = scene.layout();
+        let masses_kg = masses_kg(scene, physics, &layout);
+        let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
+        let grid = Grid::<f64>::new(&layout, scene.grid, &values);
+        let lame = physics.lame();
+        let dt_s = time_step_s(scene, physics);
+        let mut statics = Self {
+            scene,
+            physics,
+            layout,
+            grid,
+            masses_kg,
+            lame,
+            clamp_per_kg: STIFFNESS / (dt_s * dt_s),
+            place: Vec::new(),
+            band: 0,
+        };
+        let along: Vec<f64> = statics.undeformed().iter().map(|m| m[0]).collect();
+        let mut order: Vec<usize> = (0..along.len()).collect();
+        order.sort_by(|&a, &b| along[a].total_cmp(&along[b]));
+        statics.place = vec![0; order.len()];
+        for (place, &node) in order.iter().enumerate() {
+            statics.place[node] = place;
+        }
+        let spread = |slots: &[u32]| {
+            let places = slots.iter().map(|&s| statics.place[s as usize]);
+            places.clone().max().unwrap_or(0) - places.min().unwrap_or(0)
+        };
+        let widest = statics
+            .grid
+            .links
+            .iter()
+            .map(|l| spread(&l.slots))
+            .max()
+            .unwrap_or(0);
+        // A pin ties two neighbouring slices, which may reach one plane further.
+        let pinned = scene
+            .start
+            .hang()
+            .is_some_and(|hang| hang.poses.iter().any(|pose| !pose.pins.is_empty()));
+        let plane = along.len() as f64 * scene.grid.spacing_m / scene.rope.length_m;
+        let further = if pinned { plane.ceil() as usize } else { 0 };
+        statics.band = 3 * (widest + further) + 2;
+        statics
+    }
+
+    /// Undeformed coordinates of the nodes, m.
+    fn undeformed(&self) -> Vec<[f64; 3]> {
+        let mut nodes = vec![[0.0; 3]; self.grid.mass_kg.len()];
+        for (p, link) in self.grid.links.iter().enumerate() {
+            let material = self.layout.material_m(p);
+            for (entry, slot) in link.slots.iter().enumerate() {
+                nodes[*slot as usize] = add(material, self.offset(p, entry));
+            }
+        }
+        nodes
+    }
+
+    /// From particle `p` to a node of its stencil in undeformed coordinates, m.
+    #[inline(always)]
+    fn offset(&self, p: usize, entry: usize) -> [f64; 3] {
+        let index = [entry / 9, entry / 3 % 3, entry % 3];
+        let link = &self.grid.links[p];
+        std::array::from_fn(|k| (index[k] as f64 - 1.0) * self.grid.spacing_m - link.offset_m[k])
+    }
+
+    /// Position and deformation gradient of particle `p`.
+    pub fn particle(&self, nodes: &[Vec3<T>], p: usize) -> (Vec3<T>, Mat3<T>) {
+        let link = &self.grid.links[p];
+        let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
+        let (mut x, mut f) = (zero3(), [zero3(); 3]);
+        // Differences to one node keep digits: the gradient of a constant is zero.
+        let origin = nodes[link.slots[13] as usize];
+        for entry in 0..STENCIL {
+            let (weight, d) = (link.weights[entry], self.offset(p, entry));
+            let y = sub(nodes[link.slots[entry] as usize], origin);
+            x = add(x, scaled(y, weight));
+            for a in 0..3 {
+                for b in 0..3 {
+                    f[a][b] += y[a].scale(scale * weight * d[b]);
+                }
+            }
+        }
+        (add(x, origin), f)
+    }
+
+    /// Finds a pose.
+    ///
+    /// # Errors
+    /// No rest state was found, or the rope turned inside out on the way.
+    pub fn solve(&self, pose: &Pose) -> Result<Nodes<T>, Cause> {
+        let held = self.held(pose.t_s);
+        let pins = self.pin_rows(&pose.pins);
+        let guess = self.undeformed().into_iter().map(|m| pose.guess.place(m));
+        let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
+        // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
+        // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
+        let swing = (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m;
+        let mut inertia = FIRST_INERTIA * swing;
+        let mut moved_m = f64::INFINITY;
+        for _ in 0..MAX_STEPS {
+            let forces = self.forces(&nodes, &held, &pins)?;
+            let factor = self.factor(&nodes, &held, &pins, &mut inertia, swing)?;
+            let step = self.newton_step(&factor, &forces);
+            let share = self.admissible_share(&nodes, &step);
+            for (node, change) in nodes.iter_mut().zip(&step) {
+                *node = add(*node, scaled(*change, share));
+            }
+            let calm = inertia == 0.0 && share == 1.0;
+            inertia = match (share < 1.0, inertia < LAST_INERTIA * swing) {
+                (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
+                (false, true) => 0.0,
+                (false, false) => 0.3 * inertia,
+            };
+            moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
+            if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
+                return self.above_table(&nodes).map(|()| nodes);
+            }
+        }
+        Err(Cause::NoRest { moved_m })
+    }
+
+    /// Force of each grip on the rope, N.
+    pub fn grip_forces_n(&self, nodes: &[Vec3<T>], pose: &Pose) -> Vec<Vec3<T>> {
+        let mut forces = vec![zero3(); self.scene.grips.len()];
+        for (p, target) in self.held(pose.t_s).into_iter().enumerate() {
+            let grip = self.scene.grip_offset(self.layout.material_m(p));
+            if let (Some(target), Some((grip, _))) = (target, grip) {
+                let spring = self.masses_kg[p].scale(self.clamp_per_kg);
+                let gap = sub(target, self.particle(nodes, p).0);
+                forces[grip] = add(forces[grip], mul(gap, spring));
+            }
+        }
+        forces
+    }
+
+    /// Where the clamps want each gripped particle.
+    fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
+        let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
+        (0..self.layout.particles())
+            .map(|p| {
+                let (grip, offset_m) = self.scene.grip_offset(self.layout.material_m(p))?;
+                motions[grip].as_ref().map(|motion| motion.place(offset_m))
+            })
+            .collect()
+    }
+
+    /// Each pin as a row of node weights.
+    fn pin_rows(&self, pins: &[Pin]) -> Vec<(Pin, Vec<(usize, f64)>)> {
+        let arcs: Vec<f64> = self.layout.slices.iter().map(|s| s.arc_m).collect();
+        let members = self.layout.section_m.len();
+        pins.iter()
+            .map(|pin| {
+                let (low, share) = crate::observe::bracket(&arcs, pin.arc_m);
+                let mut row = std::collections::BTreeMap::<usize, f64>::new();
+                for (slice, weight) in [(low, 1.0 - share), (low + 1, share)] {
+                    for p in slice * members..(slice + 1) * members {
+                        let link = &self.grid.links[p];
+                        for (slot, w) in link.slots.iter().zip(&link.weights) {
+                            *row.entry(*slot as usize).or_default() += w * weight / members as f64;
+                        }
+                    }
+                }
+                (*pin, row.into_iter().collect())
+            })
+            .collect()
+    }
+
+    /// Forces at the nodes, N.
+    fn forces(
+        &self,
+        nodes: &[Vec3<T>],
+        held: &[Option<Vec3<T>>],
+        pins: &[(Pin, Vec<(usize, f64)>)],
+    ) -> Result<Nodes<T>, Cause> {
+        let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
+        let mut forces = vec![zero3(); nodes.len()];
+        for (p, link) in self.grid.links.iter().enumerate() {
+            let (x, f) = self.particle(nodes, p);
+            let mass = self.masses_kg[p];
+            let stress = self.stress(p, &f)?;
+            let volume = self.layout.particle_volume_m3(p);
+            let mut body = add(mul(self.physics.gravity_m_s2, mass), self.law_force(p, x, &f));
+            if let Some(target) = held[p] {
+                let spring = mass.scale(self.clamp_per_kg);
+                body = add(body, mul(sub(target, x), spring));
+            }
+            for entry in 0..STENCIL {
+                let weight = link.weights[entry];
+                let d = self.offset(p, entry);
+                let inner: Vec3<T> = std::array::from_fn(|a| {
+                    stress[a][0].scale(d[0]) + stress[a][1].scale(d[1]) + stress[a][2].scale(d[2])
+                });
+                let force = sub(scaled(body, weight), scaled(inner, volume * scale * weight));
+                let node = &mut forces[link.slots[entry] as usize];
+                *node = add(*node, force);
+            }
+        }
+        for (pin, row) in pins {
+            let at = row
+                .iter()
+                .fold(zero3(), |sum, (node, w)| add(sum, scaled(nodes[*node], *w)));
+            let pull = scaled(sub(pin.target_m.map(T::of), at), pin.stiffness_n_m);
+            for (node, w) in row {
+                forces[*node] = add(forces[*node], scaled(pull, *w));
+            }
+        }
+        Ok(forces)
+    }
+
+    /// First Piola-Kirchhoff stress of a particle at rest, Pa.
+    fn stress(&self, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
+        let (mut pk1, j) = piola_stress(f, &self.lame);
+        if j.value().is_nan() || j.value() <= 0.0 {
+            return Err(Cause::Inverted {
+                particle,
+                det: j.value(),
+            });
+        }
+        let inverse_transposed = transpose_inverse(f);
+        for law in &self.physics.stress_laws {
+            let kirchhoff = law.kirchhoff_pa(&StressPoint {
+                deformation_gradient: f,
+                velocity_gradient: &[zero3(); 3],
+                volume_ratio: j,
+                lame: &self.lame,
+            });
+            let extra = matmul(&kirchhoff, &inverse_transposed);
+            for a in 0..3 {
+                pk1[a] = add(pk1[a], extra[a]);
+            }
+        }
+        Ok(pk1)
+    }
+
+    fn law_force(&self, p: usize, position_m: Vec3<T>, f: &Mat3<T>) -> Vec3<T> {
+        if self.physics.force_laws.is_empty() {
+            return zero3();
+        }
+        let axis = [f[0][0], f[1][0], f[2][0]];
+        let point = ForcePoint {
+            position_m,
+            velocity_m_s: zero3(),
+            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+            length_m: self.layout.particle_length_m(p),
+            diameter_m: self.scene.rope.diameter_m,
+            mass_kg: self.masses_kg[p],
+        };
+        let laws = self.physics.force_laws.iter();
+        laws.fold(zero3(), |sum, law| add(sum, law.force_n(&point)))
+    }
+
+    /// The elastic tangent matrix with clamps and pins, made positive definite by as much inertia
+    /// (1/s², times the nodes' masses) as it takes.
+    fn factor(
+        &self,
+        nodes: &[Vec3<T>],
+        held: &[Option<Vec3<T>>],
+        pins: &[(Pin, Vec<(usize, f64)>)],
+        inertia: &mut f64,
+        inertia_least: f64,
+    ) -> Result<Factor, Cause> {
+        let matrix = self.tangent_matrix(nodes, held, pins);
+        while inertia.is_finite() {
+            let mut trial = matrix.clone();
+            for (node, mass) in self.grid.mass_kg.iter().enumerate() {
+                for k in 0..3 {
+                    let at = 3 * self.place[node] + k;
+                    trial.add(at, at, *inertia * mass + REGULARISATION * matrix.diagonal(at));
+                }
+            }
+            if let Some(factor) = trial.cholesky() {
+                return Ok(factor);
+            }
+            *inertia = (4.0 * *inertia).max(inertia_least);
+        }
+        Err(Cause::NonFinite { particle: 0 })
+    }
+
+    fn tangent_matrix(
+        &self,
+        nodes: &[Vec3<T>],
+        held: &[Option<Vec3<T>>],
+        pins: &[(Pin, Vec<(usize, f64)>)],
+    ) -> Band {
+        let mut matrix = Band::new(3 * nodes.len(), self.band);
+        let lame = Lame {
+            mu: self.lame.mu.value(),
+            lambda: self.lame.lambda.value(),
+        };
+        let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
+        for (p, link) in self.grid.links.iter().enumerate() {
+            let (_, f) = self.particle(nodes, p);
+            let slope = stress_slope(&f.map(|row| row.map(T::value)), &lame);
+            let volume = self.layout.particle_volume_m3(p);
+            let spring = held[p].map_or(0.0, |_| self.masses_kg[p].value() * self.clamp_per_kg);
+            let gradient: [[f64; 3]; STENCIL] =
+                std::array::from_fn(|entry| self.offset(p, entry).map(|d| d * scale * link.weights[entry]));
+            let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
+            for j in 0..STENCIL {
+                // ∂P/∂y_j, a 3 × 3 × 3 block: rows (a, b), columns c.
+                let g = gradient[j].map(|x| volume * x);
+                let block: [[[f64; 3]; 3]; 3] = std::array::from_fn(|a| {
+                    std::array::from_fn(|b| std::array::from_fn(|c| dot(slope[a][b][c], g)))
+                });
+                for i in 0..STENCIL {
+                    if at[i] < at[j] {
+                        continue;
+                    }
+                    let shared = spring * link.weights[i] * link.weights[j];
+                    for a in 0..3 {
+                        let last = if at[i] == at[j] { a } else { 2 };
+                        for c in 0..=last {
+                            let along = (0..3).map(|b| gradient[i][b] * block[a][b][c]).sum::<f64>();
+                            let tied = if a == c { shared } else { 0.0 };
+                            matrix.add(at[i] + a, at[j] + c, along + tied);
+                        }
+                    }
+                }
+            }
+        }
+        for (pin, row) in pins {
+            for (i, wi) in row {
+                for (j, wj) in row.iter().filter(|(j, _)| self.place[*j] <= self.place[*i]) {
+                    for k in 0..3 {
+                        let (i, j) = (3 * self.place[*i] + k, 3 * self.place[*j] + k);
+                        matrix.add(i, j, pin.stiffness_n_m * wi * wj);
+                    }
+                }
+            }
+        }
+        matrix
+    }
+
+    /// Solves for value and tangents alike, in double precision.
+    fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
+        let size = 3 * forces.len();
+        let lanes: Vec<Vec<f64>> = (0..=T::TANGENTS)
+            .map(|lane| {
+                let mut x = vec![0.0; size];
+                for (node, force) in forces.iter().enumerate() {
+                    for k in 0..3 {
+                        x[3 * self.place[node] + k] = match lane {
+                            0 => force[k].value(),
+                            _ => force[k].tangent(lane - 1),
+                        };
+                    }
+                }
+                factor.solve(&mut x);
+                x
+            })
+            .collect();
+        let number = |at: usize| T::with_tangents(lanes[0][at], |t| lanes[t + 1][at]);
+        let node = |node: usize| std::array::from_fn(|k| number(3 * self.place[node] + k));
+        (0..forces.len()).map(node).collect()
+    }
+
+    /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`].
+    fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
+        let mut largest = 0f64;
+        for p in 0..self.layout.particles() {
+            // The map from nodes to gradients is linear.
+            let (_, change) = self.particle(step, p);
+            let square: f64 = change.iter().flatten().map(|c| c.value().powi(2)).sum();
+            largest = largest.max(square.sqrt());
+        }
+        debug_assert_eq!(nodes.len(), step.len());
+        if largest > STEP_CAP {
+            STEP_CAP / largest
+        } else {
+            1.0
+        }
+    }
+
+    /// Refuses a pose in which the rope would lie on the table.
+    fn above_table(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
+        let Some(table) = self.scene.table else {
+            return Ok(());
+        };
+        let heights = (0..self.layout.particles()).map(|p| self.particle(nodes, p).0[2].value());
+        let lowest_m = heights.fold(f64::INFINITY, f64::min);
+        if lowest_m < table.height_m {
+            return Err(Cause::RestsOnTable { lowest_m });
+        }
+        Ok(())
+    }
+}
+
+/// ∂P/∂F of the elastic rope as [a][b][c][d] = ∂P_ab/∂F_cd, Pa.
+fn stress_slope(f: &Mat3<f64>, lame: &Lame<f64>) -> [[[[f64; 3]; 3]; 3]; 3] {
+    let dual: Mat3<Dual<f64, 9>> =
+        std::array::from_fn(|a| std::array::from_fn(|b| Dual::input(f[a][b], 3 * a + b)));
+    let lame = Lame {
+        mu: Dual::of(lame.mu),
+        lambda: Dual::of(lame.lambda),
+    };
+    let (pk1, _) = piola_stress(&dual, &lame);
+    pk1.map(|row| row.map(|entry| std::array::from_fn(|c| std::array::from_fn(|d| entry.tangent[3 * c + d]))))
+}
+
+fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
+    v.iter().map(|c| c.value().powi(2)).sum::<f64>().sqrt()
+}
+
+/// Whether the last step changed the tangents by next to nothing.
+fn tangents_settled<T: Real>(nodes: &[Vec3<T>], step: &[Vec3<T>]) -> bool {
+    (0..T::TANGENTS).all(|t| {
+        let largest = |list: &[Vec3<T>]| {
+            let numbers = list.iter().flatten().map(|x| x.tangent(t).abs());
+            numbers.fold(0.0, f64::max)
+        };
+        largest(step) <= TANGENT_TOLERANCE * largest(nodes)
+    })
+}

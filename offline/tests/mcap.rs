@@ -1,0 +1,176 @@
+//! Recordings: what is exported as MCAP comes back as the same demonstration, the joints of an arm
+//! become the clamp's path, and what cannot be read is refused with one line.
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use offline::demo::import::{McapTopics, mcap};
+use offline::demo::{CLOUD_TOPIC, Demo, Observations, clamp_topic, closed_topic, export_mcap};
+use shared::arm::DEFAULT_TASK_FRAME;
+use std::path::{Path, PathBuf};
+
+fn shipped() -> Demo {
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit");
+    let mut demo = Demo::load(dir).unwrap();
+    // A part of it is enough; the grip opens at the end, so that its state is carried as well.
+    if let Observations::Clouds(frames) = &mut demo.observations {
+        frames.truncate(5);
+    }
+    demo.commanded[0] = None;
+    demo.clamps[0].truncate(40);
+    demo.clamps[0][39].closed = false;
+    demo
+}
+
+fn exported(demo: &Demo) -> (tempfile::TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("fit.mcap");
+    export_mcap(demo, &file).unwrap();
+    (dir, file)
+}
+
+fn topics() -> McapTopics {
+    McapTopics {
+        cloud: CLOUD_TOPIC.into(),
+        clamps: vec![clamp_topic(0)],
+        joints: None,
+        closed: vec![closed_topic(0)],
+    }
+}
+
+/// Clouds are single precision in both formats, so nothing is lost at all.
+#[test]
+fn an_exported_demonstration_comes_back() {
+    let demo = shipped();
+    let (_dir, file) = exported(&demo);
+    let back = mcap(&file, &topics(), None, &DEFAULT_TASK_FRAME, &demo.name).unwrap();
+    assert_eq!(back, demo);
+}
+
+fn refused(topics: &McapTopics, why: &str) {
+    let (_dir, file) = exported(&shipped());
+    let error = mcap(&file, topics, None, &DEFAULT_TASK_FRAME, "demo")
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains(why) && !error.contains('\n'), "{error}");
+}
+
+#[test]
+fn a_topic_that_is_not_there_or_of_another_type_is_refused() {
+    let absent = McapTopics {
+        cloud: "/camera".into(),
+        ..topics()
+    };
+    refused(&absent, CLOUD_TOPIC);
+    let other = McapTopics {
+        clamps: vec![CLOUD_TOPIC.into()],
+        ..topics()
+    };
+    refused(&other, "not geometry_msgs/msg/PoseStamped");
+}
+
+#[test]
+fn a_truncated_recording_and_one_of_markers_are_refused() {
+    let (dir, file) = exported(&shipped());
+    let bytes = std::fs::read(&file).unwrap();
+    let short = dir.path().join("short.mcap");
+    std::fs::write(&short, &bytes[..bytes.len() / 2]).unwrap();
+    let error = mcap(&short, &topics(), None, &DEFAULT_TASK_FRAME, "demo").unwrap_err();
+    assert!(error.to_string().contains("MCAP"), "{error}");
+    let mut demo = shipped();
+    demo.observations = Observations::Markers(Vec::new());
+    assert!(export_mcap(&demo, &dir.path().join("markers.mcap")).is_err());
+}
+
+/// A bag as a driver records it: joints by name and out of order.
+#[test]
+fn joints_become_the_flange_in_the_tasks_frame() {
+    let demo = shipped();
+    let (_dir, file) = exported(&demo);
+    let q = [0.3, -0.5, 0.2, 0.9, -0.4, 0.7, 0.1];
+    let with_joints = add_joints(&std::fs::read(&file).unwrap(), q);
+    std::fs::write(&file, with_joints).unwrap();
+    let topics = McapTopics {
+        clamps: Vec::new(),
+        joints: Some("/joint_states".into()),
+        closed: Vec::new(),
+        ..topics()
+    };
+    let frame = shared::blob::TaskFrame {
+        origin_m: [0.1, 0.2, 0.3],
+        yaw_rad: 0.4,
+    };
+    let back = mcap(&file, &topics, None, &frame, "joints").unwrap();
+    let pose = shared::arm::flange(&q);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -0.4);
+    let at = turn * (pose.position_m - Vector3::new(0.1, 0.2, 0.3));
+    let sample = &back.clamps[0][0];
+    assert!((Vector3::from(sample.position_m) - at).norm() < 1e-12);
+    let wanted =
+        turn * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.rotation));
+    let [x, y, z, w] = sample.quaternion_xyzw;
+    let got = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+    assert!(wanted.angle_to(&got) < 1e-6);
+}
+
+/// The recording with one JointState on /joint_states, whose bytes are put together here by hand.
+fn add_joints(recording: &[u8], q: [f64; 7]) -> Vec<u8> {
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+    for record in mcap::read::LinearReader::new(recording).unwrap() {
+        if let mcap::records::Record::Attachment { header, data, .. } = record.unwrap() {
+            let attachment = mcap::Attachment {
+                log_time: header.log_time,
+                create_time: header.create_time,
+                name: header.name,
+                media_type: header.media_type,
+                data,
+            };
+            writer.attach(&attachment).unwrap();
+        }
+    }
+    let mut first = 0;
+    for message in mcap::MessageStream::new(recording).unwrap() {
+        let message = message.unwrap();
+        first = if first == 0 { message.log_time } else { first };
+        writer.write(&message).unwrap();
+    }
+    let mut bytes = vec![0, 1, 0, 0];
+    let pad = |bytes: &mut Vec<u8>, to: usize| {
+        while !(bytes.len() - 4).is_multiple_of(to) {
+            bytes.push(0);
+        }
+    };
+    bytes.extend(((first / 1_000_000_000) as i32).to_le_bytes());
+    bytes.extend(((first % 1_000_000_000) as u32).to_le_bytes());
+    bytes.extend(1u32.to_le_bytes());
+    bytes.push(0);
+    pad(&mut bytes, 4);
+    let order = [6, 5, 4, 3, 2, 1, 0];
+    bytes.extend(7u32.to_le_bytes());
+    for joint in order {
+        pad(&mut bytes, 4);
+        bytes.extend(7u32.to_le_bytes());
+        bytes.extend(format!("joint{}\0", joint + 1).bytes());
+    }
+    pad(&mut bytes, 4);
+    bytes.extend(7u32.to_le_bytes());
+    pad(&mut bytes, 8);
+    for joint in order {
+        bytes.extend(q[joint].to_le_bytes());
+    }
+    bytes.extend(0u32.to_le_bytes());
+    bytes.extend(0u32.to_le_bytes());
+    let schema = writer
+        .add_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
+        .unwrap();
+    let channel = writer
+        .add_channel(schema, "/joint_states", "cdr", &std::collections::BTreeMap::new())
+        .unwrap();
+    let header = mcap::records::MessageHeader {
+        channel_id: channel,
+        sequence: 0,
+        log_time: first,
+        publish_time: first,
+    };
+    writer.write_to_known_channel(&header, &bytes).unwrap();
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
+}
