@@ -98,6 +98,10 @@ impl WorldEffects {
 
     /// Where the cameras, as a whole, make a point appear; `pivot_m` is the rope's first place.
     pub fn seen_at(&self, point_m: [f64; 3], pivot_m: [f64; 3]) -> [f64; 3] {
+        // Bit for bit where nothing is wrong with the cameras.
+        if self.rig_turn_rad == [0.0; 3] && self.rig_shift_m == [0.0; 3] {
+            return point_m;
+        }
         let pivot = Vector3::from(pivot_m);
         let turned = Rotation3::new(Vector3::from(self.rig_turn_rad)) * (Vector3::from(point_m) - pivot);
         (pivot + turned + Vector3::from(self.rig_shift_m)).into()

@@ -14,19 +14,15 @@ fn options() -> FitOptions {
     FitOptions {
         starts_pa: vec![0.8e6],
         followed: 1,
-        max_evaluations: 10,
+        max_evaluations: 20,
     }
 }
 
-/// A recording of the twin's rope without any undeclared effect, its first part only to save time:
-/// most of the rope has left the table by then.
+/// A recording of the twin's rope without any undeclared effect. All of it: of the first half alone, in
+/// which the rope only just leaves the table, stiffness is 14 % off.
 fn recording() -> Demo {
     let (spec, seed) = &shipped_specs()[0];
-    let mut demo = record_demo(spec, &WorldEffects::default(), *seed);
-    if let Observations::Clouds(frames) = &mut demo.observations {
-        frames.retain(|frame| frame.t_s < 1.5);
-    }
-    demo
+    record_demo(spec, &WorldEffects::default(), *seed)
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn everything(scene: &Scene) -> Everything {
 
 #[test]
 fn tangents_of_a_lift_are_slopes() {
-    compare("lift", &lift(), &everything(&lift()), 1e-4);
+    compare("lift", &lift(), &everything(&lift()), 1e-5);
 }
 
 #[test]
