@@ -37,6 +37,9 @@ pub(super) fn hang<T: Real>(
     }))
 }
 
+/// A pose as it is seen, its particles where they are kept, and the grips' forces.
+type Still<T> = (Track<T>, Vec<Vec3<T>>, Vec<Vec3<T>>);
+
 /// The poses of a scene without time.
 pub(super) fn hang_still<T: Real>(
     scene: &Scene,
@@ -72,7 +75,7 @@ pub(super) fn hang_still<T: Real>(
         let particles: Vec<Vec3<T>> = (0..kept).map(|p| statics.particle(&nodes, p).0).collect();
         Ok((track, particles, statics.grip_forces_n(&nodes, pose)))
     };
-    let found: Vec<(Track<T>, Vec<Vec3<T>>, Vec<Vec3<T>>)> = hang
+    let found: Vec<Still<T>> = hang
         .poses
         .par_iter()
         .map(frame)
