@@ -1,16 +1,18 @@
 //! Derivatives of rollouts, checked: tangents against differences, gradients against tangents, and the
 //! family of models in which everything that can be differentiated is a parameter.
 
+use crate::scenes::{knot, rope, start_grip};
 use offline::demo::RopeEnd;
 use offline::effects::{self, ALL};
 use offline::sim::adjoint::{Cotangent, Differentiated, Family, Precision, differentiate};
-use offline::sim::clamp::{ClampPath, Knot, KnotShift, PathShift};
+use offline::sim::clamp::{ClampPath, KnotShift, PathShift};
 use offline::sim::lanes::Laned;
 use offline::sim::physics::ForceField;
 use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
+use offline::verify::setup::DIAMETER_M;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use shared::task::SwingTask;
@@ -323,40 +325,21 @@ pub fn random_field(scene: &Scene, blocks: usize, seed: u64) -> ForceField<f64> 
     }
 }
 
-/// A soft rope at 1000 kg/m³ that steps at the speed bound, so that no parameter changes the step.
+/// A soft rope that steps at the speed bound, so that no parameter changes the step.
 pub fn soft_rope(length_m: f64) -> RopeShape {
-    let mut shape = RopeShape {
-        length_m,
-        diameter_m: 0.014,
-        mass_kg: 1.0,
-    };
-    shape.mass_kg = 1000.0 * shape.volume_m3();
-    shape
+    rope(length_m, DIAMETER_M)
 }
 
 /// ln E, ν and friction of the soft rope.
 pub const SOFT: [f64; BASE] = [12.9, 0.3, 0.4];
 
-fn knot(t_s: f64, position_m: [f64; 3], closed: bool) -> Knot {
-    let [x, y, z] = position_m;
-    Knot {
-        t_s,
-        pose: [x, y, z, 0.0, 0.0, 0.0, 1.0],
-        rate: [0.0; 7],
-        closed,
-    }
-}
-
 /// A quick lift of one end off the table, a part of the rope still sliding on it.
 pub fn lift() -> Scene {
-    let grips = vec![Grip {
-        end: RopeEnd::Start,
-        length_m: 0.02,
-        path: ClampPath::new(vec![
-            knot(0.0, [0.0; 3], true),
-            knot(0.2, [0.02, 0.0, 0.04], true),
-        ]),
-    }];
+    let path = ClampPath::new(vec![
+        knot(0.0, [0.0; 3], true),
+        knot(0.2, [0.02, 0.0, 0.04], true),
+    ]);
+    let grips = start_grip(0.02, path);
     let table = Some(Table { height_m: -0.007 });
     let times = vec![0.06, 0.12, 0.18, 0.24];
     Scene::new(

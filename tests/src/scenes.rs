@@ -1,39 +1,14 @@
-//! Small scenes of the simulator for tests: ropes, knots of clamp paths, rest states.
+//! Small scenes of the simulator for tests: what the verification suite has, knots at rest, rest states.
 
-use offline::demo::RopeEnd;
-use offline::sim::clamp::{ClampPath, Knot};
+use offline::sim::clamp::Knot;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, Settling};
-
-/// A rope of 1000 kg/m³.
-pub fn rope(length_m: f64, diameter_m: f64) -> RopeShape {
-    let mut shape = RopeShape {
-        length_m,
-        diameter_m,
-        mass_kg: 1.0,
-    };
-    shape.mass_kg = 1000.0 * shape.volume_m3();
-    shape
-}
+use offline::verify::setup;
+pub use offline::verify::setup::{rope, start_grip, tip};
 
 /// A knot of a path that does not turn and has no speed there.
 pub fn knot(t_s: f64, position_m: [f64; 3], closed: bool) -> Knot {
-    let [x, y, z] = position_m;
-    Knot {
-        t_s,
-        pose: [x, y, z, 0.0, 0.0, 0.0, 1.0],
-        rate: [0.0; 7],
-        closed,
-    }
-}
-
-/// A grip of the rope's start.
-pub fn start_grip(length_m: f64, path: ClampPath) -> Grip {
-    Grip {
-        end: RopeEnd::Start,
-        length_m,
-        path,
-    }
+    setup::knot(t_s, position_m, [0.0; 3], closed)
 }
 
 /// A rope without a table, from the origin, that comes to rest by `rest_s` and is seen then.
@@ -51,10 +26,4 @@ pub fn settled(
         rate_per_s,
     });
     scene
-}
-
-/// The end point of a centreline, half a slice beyond the last.
-pub fn tip(frame: &[[f64; 3]]) -> [f64; 3] {
-    let (a, b) = (frame[frame.len() - 1], frame[frame.len() - 2]);
-    std::array::from_fn(|k| a[k] + 0.5 * (a[k] - b[k]))
 }

@@ -98,7 +98,7 @@ impl Cantilever {
 
     /// Sag of the tip, m, and its slope, rad.
     fn rest(&self, list: &[(&str, &[f64])]) -> [f64; 2] {
-        let grips = vec![start_grip(self.grip_m, ClampPath::fixed([0.0; 3]))];
+        let grips = start_grip(self.grip_m, ClampPath::fixed([0.0; 3]));
         let scene = settled(self.shape, LEVEL, grips, 0.4, 96.0);
         let frame = last_frame(&scene, &with(BEAM_PA, list));
         let (a, b) = (frame[frame.len() - 2], frame[frame.len() - 1]);
@@ -121,7 +121,7 @@ fn a_bending_ratio_changes_sag_but_not_stretch() {
         close(plain / sag, ratio, 0.05, "stiffness from sag");
     }
     let shape = rope(0.2, 0.014);
-    let grips = || vec![start_grip(0.02, ClampPath::fixed([0.0; 3]))];
+    let grips = || start_grip(0.02, ClampPath::fixed([0.0; 3]));
     let scene = settled(shape, DOWN, grips(), 0.4, 80.0);
     let stretch = |list: &[(&str, &[f64])]| -tip(&last_frame(&scene, &with(0.2e6, list)))[2] - 0.2;
     let exact = 1000.0 * GRAVITY_M_S2 * 0.18f64.powi(2) / (2.0 * 0.2e6);
@@ -158,7 +158,7 @@ fn a_compliant_clamp_turns_with_the_moment() {
 #[test]
 fn wind_leans_a_hanging_rope_as_far_as_its_force_says() {
     let shape = rope(0.2, 0.014);
-    let grips = || vec![start_grip(0.02, ClampPath::fixed([0.0; 3]))];
+    let grips = || start_grip(0.02, ClampPath::fixed([0.0; 3]));
     let scene = settled(shape, DOWN, grips(), 0.8, 16.0);
     let q = 4.0;
     let force_n_m = 0.5 * 1.204 * 1.1 * shape.diameter_m * q;
@@ -178,7 +178,7 @@ fn wind_leans_a_hanging_rope_as_far_as_its_force_says() {
 fn a_stiffening_rope_stretches_as_its_curve_says() {
     let (shape, young_pa, load_kg) = (rope(0.2, 0.014), 0.2e6, 0.3);
     let area = std::f64::consts::FRAC_PI_4 * shape.diameter_m.powi(2);
-    let grips = || vec![start_grip(0.02, ClampPath::fixed([0.0; 3]))];
+    let grips = || start_grip(0.02, ClampPath::fixed([0.0; 3]));
     let scene = settled(shape, DOWN, grips(), 1.0, 30.0);
     for c in [0.0, 30.0] {
         let list: [(&str, &[f64]); 2] = [("tip_mass", &[load_kg]), ("strain_stiffening", &[c])];
@@ -225,14 +225,12 @@ fn a_stretched_rope_keeps_what_exceeds_its_yield_strain() {
         end(0.2, stretch, true),
         end(0.3, stretch, false),
     ]);
-    let grips = vec![
-        start_grip(grip_m, ClampPath::fixed([0.0; 3])),
-        Grip {
-            end: RopeEnd::End,
-            length_m: grip_m,
-            path: pulled,
-        },
-    ];
+    let mut grips = start_grip(grip_m, ClampPath::fixed([0.0; 3]));
+    grips.push(Grip {
+        end: RopeEnd::End,
+        length_m: grip_m,
+        path: pulled,
+    });
     let scene = settled(shape, LEVEL, grips, 0.8, 40.0);
     let longer = |list: &[(&str, &[f64])]| {
         let mut physics = with(0.4e6, list);
@@ -260,7 +258,7 @@ fn a_clock_offset_shifts_time() {
         knot(0.2, [0.0, 0.02, 0.03], true),
     ]);
     let seen = |times_s: Vec<f64>, offset_s: f64| {
-        let grips = vec![start_grip(0.02, path.clone())];
+        let grips = start_grip(0.02, path.clone());
         let scene = Scene::new(rope(0.12, 0.014), [0.0; 3], LEVEL, grips, None, 1.5, times_s).unwrap();
         simulate(&scene, &with(0.4e6, &[("clock_offset", &[offset_s])]))
             .unwrap()
@@ -281,7 +279,7 @@ fn a_clock_offset_shifts_time() {
 fn a_release_delay_opens_the_grip_later() {
     let seen = |opens_s: f64, delay_s: f64| {
         let path = ClampPath::new(vec![knot(0.0, [0.0; 3], true), knot(opens_s, [0.0; 3], false)]);
-        let grips = vec![start_grip(0.02, path)];
+        let grips = start_grip(0.02, path);
         let scene = Scene::new(rope(0.12, 0.014), [0.0; 3], LEVEL, grips, None, 1.5, vec![0.3]).unwrap();
         last_frame(&scene, &with(0.4e6, &[("release_delay", &[delay_s])]))
     };
@@ -292,7 +290,7 @@ fn a_release_delay_opens_the_grip_later() {
 /// All points move as one rigid body about where the rope's start was.
 #[test]
 fn a_camera_offset_is_a_rigid_motion_of_what_is_seen() {
-    let grips = || vec![start_grip(0.02, ClampPath::fixed([0.3, -0.1, 0.2]))];
+    let grips = || start_grip(0.02, ClampPath::fixed([0.3, -0.1, 0.2]));
     let mut scene = settled(rope(0.12, 0.014), LEVEL, grips(), 0.1, 0.0);
     scene.start_m = [0.3, -0.1, 0.2];
     let (shift, axis, angle) = (
@@ -325,7 +323,7 @@ fn moving(t_s: f64, x_m: f64, speed_m_s: f64) -> Knot {
 fn a_lagging_gripper_trails_a_steady_motion() {
     let (speed, lag) = (0.2, 0.02);
     let path = ClampPath::new(vec![moving(0.0, 0.0, speed), moving(1.0, speed, speed)]);
-    let grips = vec![start_grip(0.02, path)];
+    let grips = start_grip(0.02, path);
     let times = vec![0.35];
     let scene = Scene::new(rope(0.12, 0.014), [0.0; 3], LEVEL, grips, None, 1.5, times).unwrap();
     let at = |values: &[f64]| last_frame(&scene, &with(0.4e6, &[("gripper_lag", values)]))[0][0];

@@ -30,7 +30,7 @@ fn lift() -> Scene {
         knot(0.0, [0.0; 3], true),
         knot(0.18, [0.02, 0.0, 0.04], false),
     ]);
-    let grips = vec![start_grip(0.02, path)];
+    let grips = start_grip(0.02, path);
     let table = Some(Table { height_m: -0.007 });
     // Ends before the released end lands: where it touches down there is no slope.
     let times = vec![0.06, 0.12, 0.18, 0.2];

@@ -10,17 +10,12 @@ use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, StepLength, Table};
 use offline::sim::tensor::value3;
 use offline::sim::{Arithmetic, Cause, Dual, Laned, Physics, Real, Rollout, simulate};
+use offline::verify::setup::{DIAMETER_M, rope};
 use shared::task::SwingTask;
 use tests::derivatives::effects_where;
 
-fn rope() -> RopeShape {
-    let mut shape = RopeShape {
-        length_m: 0.25,
-        diameter_m: 0.014,
-        mass_kg: 1.0,
-    };
-    shape.mass_kg = 1000.0 * shape.volume_m3();
-    shape
+fn paper_rope() -> RopeShape {
+    rope(0.25, DIAMETER_M)
 }
 
 /// The start of a lying rope is lifted, turned and moved sideways.
@@ -42,7 +37,7 @@ fn lift(cells: f64) -> Scene {
     let times_s = vec![0.03, 0.07, END_S];
     let table = Some(Table { height_m: 0.0 });
     Scene::new(
-        rope(),
+        paper_rope(),
         [0.0, 0.0, 0.007],
         [1.0, 0.0, 0.0],
         grips,
@@ -110,7 +105,7 @@ fn a_lift_with_every_effect_is_the_same() {
 
 #[test]
 fn a_swing_reaches_the_same_point() {
-    let scene = Scene::swing_settled(rope(), &SwingTask::PAPER, [0.12, 0.12], 1.5).unwrap();
+    let scene = Scene::swing_settled(paper_rope(), &SwingTask::PAPER, [0.12, 0.12], 1.5).unwrap();
     let mut physics = Physics::<f64>::base(4.0e5, 0.3, 0.5);
     physics.gravity_m_s2[1] = 0.01;
     let [fast, slow] = both(&scene, &physics).map(|rollout| rollout.reach_m.unwrap());

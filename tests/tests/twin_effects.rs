@@ -215,18 +215,20 @@ fn a_slipping_rope_comes_out_of_the_clamp() {
     assert!((slipping.rod.x[0].x - 0.01).abs() < 1e-9);
 }
 
+/// Sag of the tip of a level cantilever at rest, m.
+fn sag(effects: WorldEffects) -> f64 {
+    let settled = WorldEffects {
+        drag_linear_per_s: 60.0,
+        ..effects
+    };
+    let mut beam = World::new(&coarse(5e7), [0.0; 3], None, &fixed(), &settled);
+    beam.advance_to(0.6);
+    -beam.rod.x[25].z
+}
+
 /// A stiffer piece at the wall lowers the sag; a mass at the tip raises it by M g L³/(3EI).
 #[test]
 fn stiffness_and_tip_mass_change_the_sag_the_right_way() {
-    let sag = |effects: WorldEffects| {
-        let settled = WorldEffects {
-            drag_linear_per_s: 60.0,
-            ..effects
-        };
-        let mut beam = World::new(&coarse(5e7), [0.0; 3], None, &fixed(), &settled);
-        beam.advance_to(0.6);
-        -beam.rod.x[25].z
-    };
     let plain = sag(WorldEffects::default());
     let stiff_piece = Some(STIFF);
     let stiff = sag(WorldEffects {
@@ -304,15 +306,6 @@ fn a_weightless_rod_takes_its_natural_curvature() {
 /// A spring in series at the wall adds C M to the slope: C q L²/2 · L at the tip.
 #[test]
 fn a_compliant_clamp_and_a_bending_change_alter_the_sag_as_beams_do() {
-    let sag = |effects: WorldEffects| {
-        let settled = WorldEffects {
-            drag_linear_per_s: 60.0,
-            ..effects
-        };
-        let mut beam = World::new(&coarse(5e7), [0.0; 3], None, &fixed(), &settled);
-        beam.advance_to(0.6);
-        -beam.rod.x[25].z
-    };
     let plain = sag(WorldEffects::default());
     let compliance = 0.3;
     let more = sag(WorldEffects {

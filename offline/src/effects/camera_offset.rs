@@ -16,62 +16,38 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: true,
     only_seen: true,
     parameters: &[
-        ParameterSpec {
-            name: "shift_x_m",
-            unit: "m",
-            vanishes_at: 0.0,
-            low: -0.05,
-            high: 0.05,
-            smallest_of_interest: 0.001,
-            slope: Slope::Tangent,
-        },
-        ParameterSpec {
-            name: "shift_y_m",
-            unit: "m",
-            vanishes_at: 0.0,
-            low: -0.05,
-            high: 0.05,
-            smallest_of_interest: 0.001,
-            slope: Slope::Tangent,
-        },
-        ParameterSpec {
-            name: "shift_z_m",
-            unit: "m",
-            vanishes_at: 0.0,
-            low: -0.05,
-            high: 0.05,
-            smallest_of_interest: 0.001,
-            slope: Slope::Tangent,
-        },
-        ParameterSpec {
-            name: "turn_x_rad",
-            unit: "rad",
-            vanishes_at: 0.0,
-            low: -0.2,
-            high: 0.2,
-            smallest_of_interest: 0.005,
-            slope: Slope::Tangent,
-        },
-        ParameterSpec {
-            name: "turn_y_rad",
-            unit: "rad",
-            vanishes_at: 0.0,
-            low: -0.2,
-            high: 0.2,
-            smallest_of_interest: 0.005,
-            slope: Slope::Tangent,
-        },
-        ParameterSpec {
-            name: "turn_z_rad",
-            unit: "rad",
-            vanishes_at: 0.0,
-            low: -0.2,
-            high: 0.2,
-            smallest_of_interest: 0.005,
-            slope: Slope::Tangent,
-        },
+        shift("shift_x_m"),
+        shift("shift_y_m"),
+        shift("shift_z_m"),
+        turn("turn_x_rad"),
+        turn("turn_y_rad"),
+        turn("turn_z_rad"),
     ],
 };
+
+const fn shift(name: &'static str) -> ParameterSpec {
+    ParameterSpec {
+        name,
+        unit: "m",
+        vanishes_at: 0.0,
+        low: -0.05,
+        high: 0.05,
+        smallest_of_interest: 0.001,
+        slope: Slope::Tangent,
+    }
+}
+
+const fn turn(name: &'static str) -> ParameterSpec {
+    ParameterSpec {
+        name,
+        unit: "rad",
+        vanishes_at: 0.0,
+        low: -0.2,
+        high: 0.2,
+        smallest_of_interest: 0.005,
+        slope: Slope::Tangent,
+    }
+}
 
 struct CameraOffset<T> {
     shift_m: Vec3<T>,

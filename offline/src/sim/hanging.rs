@@ -38,7 +38,7 @@ pub(super) fn hang<T: Real>(
 }
 
 /// A pose as it is seen, its particles where they are kept, and the grips' forces.
-type Still<T> = (Track<T>, Vec<Vec3<T>>, Vec<Vec3<T>>);
+type Still<T> = (Track<T>, Option<Vec<Vec3<T>>>, Vec<Vec3<T>>);
 
 /// The poses of a scene without time.
 pub(super) fn hang_still<T: Real>(
@@ -67,12 +67,12 @@ pub(super) fn hang_still<T: Real>(
             points_m,
             velocities_m_s,
         };
-        let kept = if scene.keep_particles {
-            layout.particles()
-        } else {
-            0
+        let all = || {
+            (0..layout.particles())
+                .map(|p| statics.particle(&nodes, p).0)
+                .collect()
         };
-        let particles: Vec<Vec3<T>> = (0..kept).map(|p| statics.particle(&nodes, p).0).collect();
+        let particles = scene.keep_particles.then(all);
         Ok((track, particles, statics.grip_forces_n(&nodes, pose)))
     };
     let found: Vec<Still<T>> = hang
@@ -80,20 +80,23 @@ pub(super) fn hang_still<T: Real>(
         .par_iter()
         .map(frame)
         .collect::<Result<_, SimError>>()?;
-    Ok(Rollout {
-        frames: found.iter().map(|f| f.0.seen(physics, scene.start_m)).collect(),
-        particles: if scene.keep_particles {
-            found.iter().map(|f| f.1.clone()).collect()
-        } else {
-            Vec::new()
-        },
-        grip_forces_n: found.iter().map(|f| f.2.clone()).collect(),
-        tracks: found.into_iter().map(|f| f.0).collect(),
+    let mut rollout = Rollout {
+        frames: Vec::with_capacity(found.len()),
+        tracks: Vec::with_capacity(found.len()),
+        particles: Vec::new(),
+        grip_forces_n: Vec::with_capacity(found.len()),
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: None,
         steps: 0,
         dt_s: 0.0,
-    })
+    };
+    for (track, particles, grip_forces_n) in found {
+        rollout.frames.push(track.seen(physics, scene.start_m));
+        rollout.tracks.push(track);
+        rollout.particles.extend(particles);
+        rollout.grip_forces_n.push(grip_forces_n);
+    }
+    Ok(rollout)
 }
 
 /// Newton's method knows elasticity and stress laws, not a stress-free shape, memory, flow or a bending

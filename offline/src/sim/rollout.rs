@@ -168,6 +168,8 @@ pub(super) struct Setup<'a, T> {
     pub(super) scene: &'a Scene,
     pub(super) layout: RopeLayout,
     pub(super) masses_kg: Vec<T>,
+    /// Length of rope of a particle of each slice, m.
+    lengths_m: Vec<f64>,
     pub(super) context: StepContext<'a, T>,
     pub(super) steps: usize,
 }
@@ -178,9 +180,9 @@ impl<'a, T: Real> Setup<'a, T> {
         scene.check()?;
         let layout = scene.layout();
         let dt_s = scene.chosen_step_s(time_step_s(scene, physics))?;
-        // Before anything of the size of the rope is built.
         // A camera's clock that is behind sees the rope later than it says.
         let late_s = (-physics.clock_offset_s().value()).max(0.0);
+        // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
         let masses_kg = masses_kg(scene, physics, &layout);
         let context = StepContext {
@@ -191,9 +193,11 @@ impl<'a, T: Real> Setup<'a, T> {
             table_m: scene.table.map(|t| t.height_m),
             section: layout.section_m.len(),
         };
+        let share = 1.0 / context.section as f64;
         Ok(Self {
             scene,
             masses_kg,
+            lengths_m: layout.slices.iter().map(|s| s.length_m * share).collect(),
             steps,
             layout,
             context,
@@ -221,12 +225,6 @@ impl<'a, T: Real> Setup<'a, T> {
         Some(&field.force_n_m[field.block(self.time_s(step))?])
     }
 
-    /// Length of rope of a particle of each slice, m.
-    pub(super) fn lengths_m(&self) -> Vec<f64> {
-        let share = 1.0 / self.context.section as f64;
-        self.layout.slices.iter().map(|s| s.length_m * share).collect()
-    }
-
     /// Motion of each closed grip at the end of a step.
     pub(super) fn motions(&self, step: usize) -> Vec<Option<RigidMotion<T>>> {
         let dt_s = self.context.dt_s;
@@ -245,7 +243,11 @@ impl<'a, T: Real> Setup<'a, T> {
     /// An engine with the rope as it lies at the start.
     #[inline(always)]
     pub(super) fn engine<E: Engine<T>>(&self) -> E {
-        let particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
+        self.engine_of(initial_particles(self.scene, &self.layout, &self.masses_kg))
+    }
+
+    #[inline(always)]
+    fn engine_of<E: Engine<T>>(&self, particles: Vec<Particle<T>>) -> E {
         let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
         E::new(&self.context, &self.layout, self.scene.grid, particles, material)
     }
@@ -255,8 +257,7 @@ impl<'a, T: Real> Setup<'a, T> {
         let mut particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
         let velocities =
             hang(self.scene, self.context.physics, &mut particles).map_err(SimError::at_start)?;
-        let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
-        let mut engine = E::new(&self.context, &self.layout, self.scene.grid, particles, material);
+        let mut engine: E = self.engine_of(particles);
         if let Some(velocities_m_s) = velocities {
             engine.set_node_velocities(&velocities_m_s);
         }
@@ -287,7 +288,7 @@ impl<'a, T: Real> Setup<'a, T> {
     #[inline(always)]
     pub(super) fn update_nodes<E: Engine<T>>(&self, engine: &mut E, step: usize) {
         if let Some(force_n_m) = self.forces(step) {
-            engine.push(&self.context, force_n_m, &self.lengths_m());
+            engine.push(&self.context, force_n_m, &self.lengths_m);
         }
         engine.update_nodes(&self.context, self.decay(step));
     }
@@ -345,17 +346,11 @@ pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayo
 
 /// Where the scene's grips end.
 pub fn mouths(scene: &Scene) -> Vec<Mouth> {
-    let mouth = |grip: &Grip| match grip.end {
-        RopeEnd::Start => Mouth {
-            arc_m: grip.length_m,
-            outwards: 1.0,
-        },
-        RopeEnd::End => Mouth {
-            arc_m: scene.rope.length_m - grip.length_m,
-            outwards: -1.0,
-        },
+    let mouth = |(grip, arc_m): (&Grip, f64)| Mouth {
+        arc_m,
+        outwards: if grip.end == RopeEnd::Start { 1.0 } else { -1.0 },
     };
-    scene.grips.iter().map(mouth).collect()
+    scene.grips.iter().zip(scene.edges_m()).map(mouth).collect()
 }
 
 /// The time step of a scene with all laws of a physics, s. A piece that is lighter than the rope as

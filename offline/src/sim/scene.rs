@@ -343,7 +343,7 @@ impl Scene {
     }
 
     /// Arc lengths at which the grips end, m.
-    fn edges_m(&self) -> Vec<f64> {
+    pub(super) fn edges_m(&self) -> Vec<f64> {
         self.grips
             .iter()
             .map(|grip| match grip.end {

@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// The source states no diameter.
 const ASSUMED_DIAMETER_M: f64 = 0.01;
+/// The source states no mass.
+const ASSUMED_DENSITY_KG_M3: f64 = 1000.0;
 /// Standard deviation of a marker about the axis: markers are balls beside it; distances of
 /// neighbours vary by 0.4 to 3 mm.
 const NOISE_M: f64 = 0.002;
@@ -173,7 +175,7 @@ fn one(recording: Recording, rate_hz: f64) -> Demo {
             rope: RopeSpec {
                 length_m,
                 diameter_m: ASSUMED_DIAMETER_M,
-                mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M),
+                mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
                 direction: first,
                 end_mass_kg: 0.0,
                 assumed: MASS_AND_DIAMETER.to_vec(),

@@ -17,15 +17,12 @@ pub use wires::wires;
 use super::{ClampSample, RopeMeasure};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
-/// A rope of which nothing but its length is known gets this density, kg/m³, marked as assumed.
-const ASSUMED_DENSITY_KG_M3: f64 = 1000.0;
-
 /// Both measures that can be assumed.
 const MASS_AND_DIAMETER: [RopeMeasure; 2] = [RopeMeasure::DiameterM, RopeMeasure::MassKg];
 
-/// Mass of a round rod of the assumed density, kg.
-fn assumed_mass_kg(length_m: f64, diameter_m: f64) -> f64 {
-    ASSUMED_DENSITY_KG_M3 * std::f64::consts::FRAC_PI_4 * diameter_m * diameter_m * length_m
+/// Mass of a round rod of an assumed density, kg.
+fn assumed_mass_kg(length_m: f64, diameter_m: f64, density_kg_m3: f64) -> f64 {
+    density_kg_m3 * std::f64::consts::FRAC_PI_4 * diameter_m * diameter_m * length_m
 }
 
 /// A closed clamp. The rope's end lies `behind_m` behind the point `at_m` against `direction`.

@@ -1,7 +1,7 @@
 //! `noodle`: a foam cylinder moved by an arm at one end (PRB_Net; Mamedov et al., arXiv 2407.03476).
 
 use super::npy::Array;
-use super::{MASS_AND_DIAMETER, Turn, make_continuous, sample, stride};
+use super::{MASS_AND_DIAMETER, Turn, assumed_mass_kg, make_continuous, sample, stride};
 use crate::demo::table::Table;
 use crate::demo::{
     ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
@@ -89,8 +89,7 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
             rope: RopeSpec {
                 length_m,
                 diameter_m: ASSUMED_DIAMETER_M,
-                mass_kg: super::assumed_mass_kg(length_m, ASSUMED_DIAMETER_M)
-                    * (ASSUMED_DENSITY_KG_M3 / super::ASSUMED_DENSITY_KG_M3),
+                mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
                 direction: direction.into(),
                 end_mass_kg: 0.0,
                 assumed: MASS_AND_DIAMETER.to_vec(),
