@@ -8,6 +8,7 @@ use offline::demo::RopeEnd;
 use offline::model::Structure;
 use offline::sim::adjoint::{Cotangent, DEFAULT_BUDGET_BYTES, Differentiated, Family, differentiate};
 use offline::sim::clamp::ClampPath;
+use offline::sim::rollout::time_step_s;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, PAPER_CELLS_PER_DIAMETER, Scene, Table};
 use offline::sim::{Physics, Real, Rollout, simulate};
@@ -18,6 +19,7 @@ const DIAMETER_M: f64 = 0.014;
 const LIFT_M_S: f64 = 0.25;
 const STEPS: f64 = 2000.0;
 const FRICTION: f64 = 0.5;
+const YOUNG_PA: f64 = 0.7e6;
 const ROUNDS: usize = 3;
 
 struct Rope(Structure);
@@ -54,7 +56,7 @@ fn lift(particles: f64) -> Scene {
         vec![1.0],
     )
     .expect("the lift is possible");
-    let dt_s = scene.time_step_s(1.0, 0.0);
+    let dt_s = time_step_s(&scene, &Physics::base(YOUNG_PA, 0.35, FRICTION));
     scene.duration_s = (STEPS - 0.5) * dt_s;
     scene.frame_times_s = vec![scene.duration_s];
     scene
@@ -88,7 +90,7 @@ fn main() {
         ("drag and damping", Structure { effects: vec![0, 1] }),
     ] {
         let family = Rope(structure);
-        let mut theta = family.0.start(0.7e6);
+        let mut theta = family.0.start(YOUNG_PA);
         for (value, info) in theta.iter_mut().zip(family.0.parameters()).skip(2) {
             *value += 0.1 * info.smallest_of_interest;
         }

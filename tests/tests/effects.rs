@@ -457,10 +457,10 @@ fn dissipative_effects_never_add_energy_to_a_flight() {
             Vector3::new(1.0, 0.5, 0.0),
             Matrix3::new(4.0, 0.0, -9.0, 3.0, 0.0, 0.0, 12.0, 0.0, 0.0),
         );
-        let mut energies = vec![run.energy_j()];
+        let mut energies = vec![run.energy_of_step_j().unwrap()];
         for _ in 0..40 {
             run.advance(50).unwrap();
-            energies.push(run.energy_j());
+            energies.push(run.energy_of_step_j().unwrap());
         }
         energies
     };

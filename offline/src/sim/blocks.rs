@@ -5,12 +5,12 @@
 //! kind of register ([`Stepped`]), not once per number type.
 
 use super::clamp::STIFFNESS;
-use super::elastic::{Lame, Strained, StressDifferential};
+use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::real::Real;
 use super::step::CONTACT_NEAR_CELLS;
-use super::tensor::{Mat3, Vec3, add, zero3};
+use super::tensor::{Mat3, Vec3, add, mul, zero3};
 use super::transfer::Transfer;
 
 /// One channel of the same member of as many slices as a register has lanes.
@@ -71,13 +71,15 @@ pub struct Blocks<L: Lanes> {
     pub held: Vec<Held<L>>,
     /// 4 dt V/dx of a particle of each block, m² s.
     pub stress_scales: Vec<L>,
-    /// Elastic moduli by channel.
+    /// Elastic moduli by channel, Pa.
     pub lame: Vec<Lame<L>>,
-    /// Whether any particle's mass has tangents.
-    pub masses_vary: bool,
-    /// Momentum, kg m/s, summed up in a sweep.
-    pub momentum: Rows<L::Scalar>,
-    /// Velocity after the last update, m/s.
+    /// Viscosities by channel over the node spacing, Pa s/m.
+    pub viscosity: Vec<Lame<L>>,
+    /// As [`super::step::StepContext`] has it.
+    pub clamp_stiffness: f64,
+    /// Impulse, N s, summed up in a sweep.
+    pub impulse: Rows<L::Scalar>,
+    /// Velocity, m/s.
     pub velocity: Rows<L::Scalar>,
     /// Stiffness of the table as a mass, kg, and that times the velocity it asks for.
     pub contact: Rows<L::Scalar>,
@@ -94,14 +96,14 @@ pub struct Blocks<L: Lanes> {
     /// Space for the nodes of each slice of a block.
     pub nodes: Vec<L>,
     /// Space for the members of a block.
-    pub differentials: Vec<StressDifferential<L>>,
+    pub differentials: Vec<(StressDifferential<L>, Straining<L>)>,
 }
 
 /// One part of a step.
 pub enum Part<'a, L> {
     /// Brings a block the velocities of the nodes and moves it.
     Move(usize),
-    /// Sums up at the nodes what a block gives: inertia, stress, laws, and the table's push.
+    /// Sums up at the nodes what a block gives: stress, laws, and the table's push.
     Give(usize),
     /// Sums up the table's push on a block alone.
     Press(usize),
@@ -140,7 +142,7 @@ impl<L: Lanes> Blocks<L> {
             }
             Part::Give(block) => {
                 for channel in 0..self.channels {
-                    self.give_momentum(block, channel)?;
+                    self.give_impulse(block, channel)?;
                 }
                 self.press(block);
             }
@@ -182,25 +184,35 @@ impl<L: Lanes> Blocks<L> {
     /// Stress in channel 0, its differential in the others; keeps what the others need.
     #[inline(always)]
     fn stress(&mut self, block: usize, channel: usize, member: usize) -> Result<Mat3<L>, Stop> {
+        let members = self.transfer.members.len();
         let f = &self.bodies[self.first(block, channel) + member].deformation_gradient;
+        let rate = &self.rates[channel * members + member];
         if channel > 0 {
-            return Ok(self.differentials[member].of(f, &self.lame[channel]));
+            let value = &self.bodies[self.first(block, 0) + member].deformation_gradient;
+            let (elastic, straining) = &self.differentials[member];
+            let viscosities = [&self.viscosity[0], &self.viscosity[channel]];
+            let viscous = straining.differential([value, &self.rates[member]], [f, rate], viscosities);
+            return Ok(sum(&elastic.of(f, &self.lame[channel]), &viscous));
         }
         let strained = Strained::new(f);
         if !L::everywhere(strained.j.exceeds(L::zero())) {
             return Err(worst(member, strained.j));
         }
+        let straining = Straining::new(f, rate, &self.viscosity[0]);
         if self.channels > 1 {
             self.differentials.truncate(member);
-            self.differentials
-                .push(StressDifferential::new(&strained, &self.lame[0]));
+            let elastic = StressDifferential::new(&strained, &self.lame[0]);
+            self.differentials.push((elastic, straining));
         }
-        Ok(strained.piola_stress(&self.lame[0]))
+        Ok(sum(
+            &strained.piola_stress(&self.lame[0]),
+            &straining.piola_stress(f),
+        ))
     }
 
-    /// Inertia, stress and the laws' forces, for one channel of a block.
+    /// Impulse of stress and of the laws' forces, for one channel of a block.
     #[inline(always)]
-    fn give_momentum(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
+    fn give_impulse(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
         let members = self.transfer.members.len();
         let scale = -self.stress_scales[block];
         self.nodes.fill(L::zero());
@@ -210,33 +222,16 @@ impl<L: Lanes> Blocks<L> {
             if let Some(extra) = &self.extra {
                 at_particle = extra.impulses[channel * members + member];
                 let stress = &extra.stresses[channel * members + member];
-                pk1 = [
-                    add(pk1[0], stress[0]),
-                    add(pk1[1], stress[1]),
-                    add(pk1[2], stress[2]),
-                ];
+                pk1 = sum(&pk1, stress);
             }
-            let value = &self.bodies[self.first(block, 0) + member];
-            let body = &self.bodies[self.first(block, channel) + member];
-            let (rate, rate_value) = (&self.rates[channel * members + member], &self.rates[member]);
-            let mut slope = [zero3(); 3];
-            for a in 0..3 {
-                at_particle[a] = body.velocity_m_s[a].times_plus(value.mass_kg, at_particle[a]);
-                for b in 0..3 {
-                    slope[a][b] = pk1[a][b].times_plus(scale, rate[a][b] * value.mass_kg);
-                }
-                if channel > 0 && self.masses_vary {
-                    at_particle[a] = value.velocity_m_s[a].times_plus(body.mass_kg, at_particle[a]);
-                    for b in 0..3 {
-                        slope[a][b] = rate_value[a][b].times_plus(body.mass_kg, slope[a][b]);
-                    }
-                }
+            for row in &mut pk1 {
+                *row = mul(*row, scale);
             }
             self.transfer
-                .scatter(block, member, &at_particle, &slope, &mut self.nodes);
+                .scatter(block, member, &at_particle, &pk1, &mut self.nodes);
         }
-        let momentum = self.momentum.channel_mut(channel);
-        self.transfer.add_to_planes(block, 3, true, &self.nodes, momentum);
+        let planes = self.impulse.channel_mut(channel);
+        self.transfer.add_to_planes(block, 3, true, &self.nodes, planes);
         Ok(())
     }
 
@@ -303,7 +298,7 @@ impl<L: Lanes> Blocks<L> {
         let (block, mask) = (held.block, held.mask);
         let (width, first) = (self.transfer.width, self.first(block, 0));
         let per_step = L::of(1.0 / self.dt_s);
-        let springs = mask.scale(STIFFNESS);
+        let springs = mask.scale(self.clamp_stiffness);
         for channel in 0..self.channels {
             let own = self.first(block, channel);
             self.nodes.fill(L::zero());
@@ -342,6 +337,12 @@ impl<L: Lanes> Blocks<L> {
             }
         }
     }
+}
+
+/// A + B.
+#[inline(always)]
+fn sum<L: Lanes>(a: &Mat3<L>, b: &Mat3<L>) -> Mat3<L> {
+    [add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])]
 }
 
 /// One channel of what is missing from a gripped particle to its place, times a factor.

@@ -8,9 +8,7 @@
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
 use super::step::Particle;
-use super::tensor::{
-    Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, scaled, sub, zero3,
-};
+use super::tensor::{Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3};
 
 /// κ: stiffness of the clamp's springs. On an elastic foundation of this stiffness a beam's clamped
 /// end gives by a length (4 E I / k)^¼, a fifth of a cell here. Measured on a cantilever 1.8 cells
@@ -354,15 +352,14 @@ impl<T: Real> RigidMotion<T> {
 pub fn grip_forces_n<T: Real>(
     particles: &[Particle<T>],
     motions: &[Option<RigidMotion<T>>],
-    dt_s: f64,
+    clamp_per_kg: f64,
 ) -> Vec<Vec3<T>> {
     let mut forces = vec![zero3(); motions.len()];
     for p in particles {
         let Some((grip, offset_m)) = p.grip else { continue };
         let Some(motion) = &motions[grip] else { continue };
         let gap = sub(motion.place(offset_m), p.position_m);
-        let stiffness = p.mass_kg.scale(STIFFNESS);
-        forces[grip] = add(forces[grip], scaled(mul(gap, stiffness), 1.0 / (dt_s * dt_s)));
+        forces[grip] = add(forces[grip], mul(gap, p.mass_kg.scale(clamp_per_kg)));
     }
     forces
 }

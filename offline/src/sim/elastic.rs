@@ -1,7 +1,7 @@
 //! Fixed-corotated elasticity (Stomakhin et al. 2012): energy density and first Piola-Kirchhoff stress.
 
 use super::real::Arithmetic;
-use super::tensor::{Mat3, Vec3, cross, det, dot, mul, transpose_inverse};
+use super::tensor::{Mat3, Vec3, add, cross, det, dot, mul, transpose_inverse};
 
 /// Lamé parameters, Pa.
 #[derive(Clone, Copy, Debug)]
@@ -182,6 +182,155 @@ impl<T: Arithmetic> StressDifferential<T> {
         }
         dp
     }
+}
+
+/// The rate of strain of a deformation gradient in motion, and the stress of Kelvin-Voigt damping from it
+/// (Simo and Hughes, Computational Inelasticity, 1998, 10.1): P = F S, S = 2 μ' E' + λ' tr(E') I, with the
+/// rate E' = sym(Fᵀ Ḟ) of the Green strain and the viscosities μ' and λ', Pa s. S is symmetric, so it
+/// takes from strain alone and keeps angular momentum.
+#[derive(Clone, Copy, Debug)]
+pub struct Straining<T> {
+    /// 2 E', 1/s.
+    twice: Mat3<T>,
+    /// S, Pa.
+    stress: Mat3<T>,
+}
+
+impl<T: Arithmetic> Straining<T> {
+    /// Of a deformation gradient and its rate.
+    #[inline(always)]
+    pub fn new(f: &Mat3<T>, rate: &Mat3<T>, viscosity: &Lame<T>) -> Self {
+        let mut twice = *f;
+        for a in 0..3 {
+            for b in 0..3 {
+                twice[a][b] = columns_dot(f, a, rate, b);
+            }
+        }
+        symmetrise(&mut twice);
+        Self {
+            stress: isotropic(&twice, viscosity),
+            twice,
+        }
+    }
+
+    /// First Piola-Kirchhoff stress at the same deformation gradient, Pa.
+    #[inline(always)]
+    pub fn piola_stress(&self, f: &Mat3<T>) -> Mat3<T> {
+        times(f, &self.stress)
+    }
+
+    /// dP for a change of the deformation gradient, of its rate and of the viscosities.
+    #[inline(always)]
+    pub fn differential(&self, at: [&Mat3<T>; 2], by: [&Mat3<T>; 2], viscosities: [&Lame<T>; 2]) -> Mat3<T> {
+        let ([f, rate], [df, drate]) = (at, by);
+        let mut twice = *f;
+        for a in 0..3 {
+            for b in 0..3 {
+                twice[a][b] = columns_dot(df, a, rate, b) + columns_dot(f, a, drate, b);
+            }
+        }
+        symmetrise(&mut twice);
+        let (mut change, by_viscosity) = (
+            isotropic(&twice, viscosities[0]),
+            isotropic(&self.twice, viscosities[1]),
+        );
+        for a in 0..3 {
+            change[a] = add(change[a], by_viscosity[a]);
+        }
+        let (mut dp, of_stress) = (times(df, &self.stress), times(f, &change));
+        for a in 0..3 {
+            dp[a] = add(dp[a], of_stress[a]);
+        }
+        dp
+    }
+
+    /// Pulls a derivative with respect to P back to the deformation gradient, its rate, and both
+    /// viscosities.
+    #[inline(always)]
+    pub fn pull_back(
+        &self,
+        f: &Mat3<T>,
+        rate: &Mat3<T>,
+        viscosity: &Lame<T>,
+        bar: &Mat3<T>,
+    ) -> StrainingCotangent<T> {
+        let mut wanted = *bar;
+        for a in 0..3 {
+            for b in 0..3 {
+                wanted[a][b] = columns_dot(f, a, bar, b);
+            }
+        }
+        let shear = self.twice[0][0] * wanted[0][0]
+            + self.twice[1][1] * wanted[1][1]
+            + self.twice[2][2] * wanted[2][2];
+        let across = self.twice[0][1] * (wanted[0][1] + wanted[1][0])
+            + self.twice[0][2] * (wanted[0][2] + wanted[2][0])
+            + self.twice[1][2] * (wanted[1][2] + wanted[2][1]);
+        let volume = (trace(&self.twice) * trace(&wanted)).scale(0.5);
+        symmetrise(&mut wanted);
+        // With respect to sym(Fᵀ Ḟ): symmetric, like what it is made of.
+        let strain = isotropic(&wanted, viscosity);
+        let (mut of_gradient, turned) = (times(bar, &self.stress), times(rate, &strain));
+        for a in 0..3 {
+            of_gradient[a] = add(of_gradient[a], turned[a]);
+        }
+        StrainingCotangent {
+            deformation_gradient: of_gradient,
+            rate: times(f, &strain),
+            viscosity: [shear + across, volume],
+        }
+    }
+}
+
+/// Derivatives of a result with respect to what a viscous stress is made of.
+pub struct StrainingCotangent<T> {
+    /// With respect to the deformation gradient.
+    pub deformation_gradient: Mat3<T>,
+    /// With respect to its rate.
+    pub rate: Mat3<T>,
+    /// With respect to μ' and λ'.
+    pub viscosity: [T; 2],
+}
+
+/// M + Mᵀ.
+#[inline(always)]
+fn symmetrise<T: Arithmetic>(m: &mut Mat3<T>) {
+    for a in 0..3 {
+        for b in a..3 {
+            let sum = m[a][b] + m[b][a];
+            m[a][b] = sum;
+            m[b][a] = sum;
+        }
+    }
+}
+
+/// 2 μ E + λ tr(E) I of 2 E.
+#[inline(always)]
+fn isotropic<T: Arithmetic>(twice: &Mat3<T>, moduli: &Lame<T>) -> Mat3<T> {
+    let volume = (moduli.lambda * trace(twice)).scale(0.5);
+    let mut stress = *twice;
+    for a in 0..3 {
+        stress[a] = mul(stress[a], moduli.mu);
+        stress[a][a] += volume;
+    }
+    stress
+}
+
+#[inline(always)]
+fn trace<T: Arithmetic>(m: &Mat3<T>) -> T {
+    m[0][0] + m[1][1] + m[2][2]
+}
+
+/// A S of a symmetric S.
+#[inline(always)]
+fn times<T: Arithmetic>(a: &Mat3<T>, s: &Mat3<T>) -> Mat3<T> {
+    let mut product = *a;
+    for i in 0..3 {
+        for j in 0..3 {
+            product[i][j] = fused_dot(a[i], s[j]);
+        }
+    }
+    product
 }
 
 // What runs in registers has no closures: one that is not inlined would be compiled without them.

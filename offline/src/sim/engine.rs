@@ -8,7 +8,7 @@ use super::material::Material;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::{
-    MomentumField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
+    ImpulseField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
 };
 use super::sweep::Sweep;
 use super::tensor::{Vec3, add, norm, scaled, value3, zero3};
@@ -34,8 +34,9 @@ pub(super) trait Engine<T> {
     fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]);
     /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
     fn fastest(&self) -> (usize, f64);
-    /// Force of every grip on the rope in the step that ended in this state, N.
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>>;
+    /// Force of every grip on the rope in the step that ended in this state, N; the clamps' springs have
+    /// the stiffness `clamp_per_kg`, 1/s², times mass.
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>>;
     /// Number of slices.
     fn slices(&self) -> usize;
     /// Middle of a slice and its velocity, m and m/s.
@@ -73,8 +74,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn fastest(&self) -> (usize, f64) {
         Sweep::fastest(self)
     }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
-        Sweep::grip_forces_n(self, motions, dt_s)
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
+        Sweep::grip_forces_n(self, motions, clamp_per_kg)
     }
     fn slices(&self) -> usize {
         Sweep::slices(self)
@@ -125,11 +126,11 @@ impl<T: Real> Engine<T> for OneByOne<T> {
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
         for index in 0..self.particles.len() {
             let slice = index / self.section;
-            let field = MomentumField {
+            let field = ImpulseField {
                 at_particle: scaled(force_n_m[slice], context.dt_s * lengths_m[slice]),
                 slope: [zero3(); 3],
             };
-            let (link, nodes) = (&self.grid.links[index], &mut self.grid.nodes);
+            let (link, nodes) = (&self.grid.links[index], &mut self.grid.impulses);
             scatter(link, self.grid.spacing_m, &field, nodes);
         }
     }
@@ -137,7 +138,7 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         update_nodes(&mut self.grid, context, decay);
     }
     fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]) {
-        for (node, velocity) in self.grid.nodes.iter_mut().zip(velocities_m_s) {
+        for (node, velocity) in self.grid.velocities_m_s.iter_mut().zip(velocities_m_s) {
             *node = T::pack(*velocity);
         }
     }
@@ -154,8 +155,8 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         }
         fastest
     }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
-        grip_forces_n(&self.particles, motions, dt_s)
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
+        grip_forces_n(&self.particles, motions, clamp_per_kg)
     }
     fn slices(&self) -> usize {
         self.particles.len() / self.section

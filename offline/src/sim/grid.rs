@@ -50,8 +50,10 @@ pub struct Grid<T: Real> {
     pub mass_kg: Vec<T>,
     /// One over the mass per node, 1/kg.
     pub inverse_mass: Vec<T>,
-    /// Momentum per node, kg m/s, which becomes the velocity, m/s.
-    pub nodes: Vec<T::Packed>,
+    /// Velocity per node, m/s.
+    pub velocities_m_s: Vec<T::Packed>,
+    /// Impulse per node in the step at hand, N s.
+    pub impulses: Vec<T::Packed>,
     /// Stiffness of the clamps per node as an equivalent mass, and that mass times the velocity
     /// which the clamps ask for.
     pub clamps: Vec<[T; 4]>,
@@ -108,7 +110,8 @@ impl<T: Real> Grid<T> {
             links,
             inverse_mass: mass_kg.iter().map(|&m| T::one() / m).collect(),
             mass_kg,
-            nodes: vec![T::pack([zero; 3]); count],
+            velocities_m_s: vec![T::pack([zero; 3]); count],
+            impulses: vec![T::pack([zero; 3]); count],
             clamps: vec![[zero; 4]; count],
             contact: vec![[zero; 2]; count],
             constrained: false,
@@ -119,7 +122,7 @@ impl<T: Real> Grid<T> {
     #[inline(always)]
     pub fn clear(&mut self) {
         let zero = T::zero();
-        self.nodes.fill(T::pack([zero; 3]));
+        self.impulses.fill(T::pack([zero; 3]));
         if self.constrained {
             self.clamps.fill([zero; 4]);
             self.contact.fill([zero; 2]);

@@ -4,7 +4,7 @@ use super::blocks::Blocks;
 use super::lanes::{Channels, Instructions, Laned, Lanes};
 use super::real::Arithmetic;
 use super::step::{clamp_node, table_contact};
-use super::tensor::{Vec3, add, mul};
+use super::tensor::{Vec3, add, mul, scaled};
 use super::transfer::Transfer;
 
 /// Stiffness of the table and what it asks for, per node.
@@ -144,7 +144,7 @@ impl<T: Laned> NodeMasses<T> {
 
 /// Forgets what was summed up at the nodes, without an update.
 pub fn forget<L: Lanes>(blocks: &mut Blocks<L>) {
-    blocks.momentum.clear();
+    blocks.impulse.clear();
     for plane in 0..blocks.constrained.len() {
         if std::mem::take(&mut blocks.constrained[plane]) {
             blocks.contact.clear_plane(blocks.channels, plane);
@@ -159,11 +159,12 @@ pub struct Update<T> {
     pub fall_m_s: Vec3<T>,
     /// Coulomb coefficient of the table.
     pub friction: T,
-    /// Factor of every velocity.
+    /// Factor of the velocity that was; forces act in full, so that a settled rope is in equilibrium.
     pub decay: f64,
 }
 
-/// Turns momenta into velocities: weight, settling, table, clamps; and forgets what was summed up.
+/// Turns impulses into a change of the velocities: settling, weight, table, clamps; and forgets what was
+/// summed up.
 #[inline(always)]
 pub fn update<T: Laned, I: Instructions>(
     blocks: &mut Blocks<T::Plain<I>>,
@@ -175,10 +176,12 @@ pub fn update<T: Laned, I: Instructions>(
     let count = <T::Plain<I> as Lanes>::COUNT;
     for plane in 0..blocks.constrained.len() {
         let constrained = blocks.constrained[plane];
-        for node in (0..blocks.momentum.width).step_by(count) {
-            let inverse = masses.inverse.read::<T, I>(plane, 0, node).scale(what.decay);
-            let momentum = blocks.momentum.read_vector::<T, I>(plane, 0, node);
-            let mut velocity = add(mul(momentum, inverse), fall);
+        for node in (0..blocks.impulse.width).step_by(count) {
+            let inverse = masses.inverse.read::<T, I>(plane, 0, node);
+            let impulse = blocks.impulse.read_vector::<T, I>(plane, 0, node);
+            let before = blocks.velocity.read_vector::<T, I>(plane, 0, node);
+            let kept = scaled(before, what.decay);
+            let mut velocity = add(add(kept, mul(impulse, inverse)), fall);
             if constrained {
                 let mass = masses.mass.read::<T, I>(plane, 0, node);
                 let contact = [
@@ -200,5 +203,5 @@ pub fn update<T: Laned, I: Instructions>(
             blocks.constrained[plane] = false;
         }
     }
-    blocks.momentum.clear();
+    blocks.impulse.clear();
 }

@@ -12,7 +12,7 @@ use super::material::Material;
 use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::{Grip, Scene};
+use super::scene::{Grip, Scene, fastest_pa};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
@@ -185,14 +185,7 @@ impl<'a, T: Real> Setup<'a, T> {
         // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
         let masses_kg = masses_kg(scene, physics, &layout);
-        let context = StepContext {
-            physics,
-            lame: physics.lame(),
-            dt_s,
-            diameter_m: scene.rope.diameter_m,
-            table_m: scene.table.map(|t| t.height_m),
-            section: layout.section_m.len(),
-        };
+        let context = StepContext::new(scene, physics, dt_s, layout.section_m.len());
         let share = 1.0 / context.section as f64;
         Ok(Self {
             scene,
@@ -358,15 +351,27 @@ pub fn mouths(scene: &Scene) -> Vec<Mouth> {
 pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
     let lame = physics.lame();
     let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
-    let modulus = lame.p_wave_modulus().value() * stiffest_bending(scene, physics) + stiffening;
+    let lame_values = Lame {
+        mu: lame.mu.value(),
+        lambda: lame.lambda.value(),
+    };
+    // A stiffness of another kind counts with the factor of λ, the larger.
+    let stiff = |modulus_pa: f64| {
+        fastest_pa(&Lame {
+            mu: 0.0,
+            lambda: modulus_pa,
+        })
+    };
+    let elastic = fastest_pa(&lame_values) * stiffest_bending(scene, physics) + stiff(stiffening);
     let lightness = lightness(scene, physics);
     let of_memory = |f: fn(&dyn MemoryLaw<T>, &Lame<T>) -> f64| -> f64 {
         physics.memory_laws.iter().map(|law| f(law.as_ref(), &lame)).sum()
     };
     let viscosity = of_memory(|law, lame| law.viscosity_pa_s(lame));
     let quick = of_memory(|law, lame| law.modulus_pa(lame));
-    let viscous = scene.time_step_s(modulus * lightness, viscosity * lightness);
-    viscous.max(scene.time_step_s((modulus + quick) * lightness, 0.0))
+    let retardation_s = physics.retardation_s(&scene.rope).value();
+    let slow = scene.time_step_s(elastic * lightness, viscosity * lightness, retardation_s);
+    slow.max(scene.time_step_s((elastic + stiff(quick)) * lightness, 0.0, retardation_s))
 }
 
 /// Declared density over the least that the laws leave, at least one.
@@ -492,7 +497,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             }
             self.marks.push(FrameMark { state, ahead_s });
             self.grip_forces_n
-                .push(engine.grip_forces_n(&self.motions, setup.context.dt_s));
+                .push(engine.grip_forces_n(&self.motions, setup.context.clamp_per_kg()));
         }
         if now_s >= self.scene.score_from_s {
             let tip = tip_x(engine);

@@ -1,7 +1,8 @@
 //! Scenes: what is simulated, from when to when, on which grid. `lift` and `free` come from a
 //! demonstration, `swing` from the task.
 
-use super::clamp::{ClampPath, Knot};
+use super::clamp::{ClampPath, Knot, STIFFNESS};
+use super::elastic::Lame;
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
 use super::rollout::perpendicular;
@@ -97,16 +98,29 @@ pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
 /// the spacing that the program chooses where nobody asks for a finer one.
 pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;
 
-/// Share of the P-wave's crossing time of one cell that a step may take.
-pub const CFL: f64 = 0.6;
+/// Share of the largest step that is stable for small motions of the undeformed rope that a step takes;
+/// the rest is for large strains.
+pub const STABLE_SHARE: f64 = 0.85;
+
+/// ω² ρ dx² of the fastest oscillation on a grid is at most the first times λ plus the second times μ.
+/// Measured by power iteration on ropes of 1.5 to 3 cells, ν from 0 to 0.49 and three alignments: 1 to 3 %
+/// below this bound at 1.5 cells, a quarter below it at 3 (`the_bound_of_the_fastest_oscillation_holds`).
+const FASTEST: [f64; 2] = [6.7, 5.7];
 
 /// Largest speed that the time step provides for, m/s; above it a step moves too far.
 const SPEED_BOUND_M_S: f64 = 10.0;
+/// Largest motion in a step at that speed, cells.
+const MOST_CELLS_PER_STEP: f64 = 0.4;
 
 /// Most steps times particles of one rollout: an hour at 180 ns for a particle's step. The usual rollout
 /// has some ten million; long internal damping of a stiff rope, whose explicit step is thousands of
 /// times shorter, would otherwise run for days without a word.
 pub const MOST_PARTICLE_STEPS: f64 = 2e10;
+
+/// ω² ρ dx² of the fastest oscillation on a grid, Pa, at most.
+pub fn fastest_pa(lame: &Lame<f64>) -> f64 {
+    FASTEST[0] * lame.lambda + FASTEST[1] * lame.mu
+}
 
 impl Scene {
     /// The scene of a demonstration, on a grid with `cells` cells across the rope.
@@ -473,14 +487,29 @@ impl Scene {
         Ok(steps as usize)
     }
 
-    /// Time step, s: [`Scene::step_share`] of the largest stable one, which is the least of [`CFL`] of a cell per P-wave crossing, the bound
-    /// ρ dx²/(6 η) of explicit viscosity, and a fifth of a cell per step at the speed bound.
-    pub fn time_step_s(&self, p_wave_modulus_pa: f64, viscosity_pa_s: f64) -> f64 {
+    /// Stiffness of the clamps' springs as a multiple of mass over the square of the time step: shorter
+    /// steps leave the springs as they are.
+    pub fn clamp_stiffness(&self) -> f64 {
+        match self.step {
+            StepLength::Longest => STIFFNESS * self.step_share * self.step_share,
+            StepLength::Fixed(_) => STIFFNESS,
+        }
+    }
+
+    /// Time step, s: [`Scene::step_share`] of the least of three: [`STABLE_SHARE`] of what is stable for the
+    /// fastest oscillation of the grid, the bound ρ dx²/(6 η) of explicit viscosity, and some tenths of a
+    /// cell per step at the speed bound. `fastest_pa` is ω² ρ dx² of that oscillation; with the damping ratio
+    /// ζ = ω τ/2 that the material's retardation time τ gives it, a symplectic step is stable up to
+    /// (√(1 + ζ²) − ζ) 2/ω.
+    pub fn time_step_s(&self, fastest_pa: f64, viscosity_pa_s: f64, retardation_s: f64) -> f64 {
         let density = self.rope.density_kg_m3();
         let dx = self.grid.spacing_m;
-        let wave = CFL * dx / (p_wave_modulus_pa / density).sqrt();
+        let omega_rad_s = (fastest_pa / density).sqrt() / dx;
+        let ratio = 0.5 * omega_rad_s * retardation_s;
+        let stable_s = 2.0 / omega_rad_s * ((1.0 + ratio * ratio).sqrt() - ratio);
         let viscous = density * dx * dx / (6.0 * viscosity_pa_s.max(f64::MIN_POSITIVE));
-        self.step_share * wave.min(viscous).min(0.2 * dx / SPEED_BOUND_M_S)
+        let still = MOST_CELLS_PER_STEP * dx / SPEED_BOUND_M_S;
+        self.step_share * (STABLE_SHARE * stable_s).min(viscous).min(still)
     }
 
     /// The time step that [`Self::step`] asks for, s, where `longest_s` is the one of all laws.
@@ -488,7 +517,7 @@ impl Scene {
     /// # Errors
     /// A fixed step that is not stable.
     pub fn chosen_step_s(&self, longest_s: f64) -> Result<f64, SimError> {
-        let limit_s = longest_s * CFL_LIMIT / CFL;
+        let limit_s = longest_s / STABLE_SHARE;
         match self.step {
             StepLength::Longest => Ok(longest_s),
             StepLength::Fixed(dt_s) if dt_s > 0.0 && dt_s <= limit_s => Ok(dt_s),
@@ -500,10 +529,6 @@ impl Scene {
     }
 }
 
-/// Share of the P-wave's crossing time of one cell that a fixed step may take. Measured: swings of the
-/// paper's rope at E = 0.2, 0.9 and 4.3 MPa, three release points each, on 1.8 cells, one on 3 cells,
-/// run through at 0.8 for ν = 0.2 and 0.45; at 1.0 every one with ν = 0.45 stops, at 1.2 every one.
-const CFL_LIMIT: f64 = 0.8;
 /// Stretch that the clamps may impose before a path counts as unreachable.
 const STRETCH_ALLOWED: f64 = 0.02;
 /// Distance of path knots in a swing, s; the period of the controller's stream.

@@ -11,7 +11,6 @@
 //! precision loses them.
 
 use super::band::{Band, Factor};
-use super::clamp::STIFFNESS;
 use super::curve::Curve;
 use super::dual::Dual;
 use super::elastic::{Lame, piola_stress};
@@ -95,7 +94,7 @@ impl<'a, T: Real> Statics<'a, T> {
             grid,
             masses_kg,
             lame,
-            clamp_per_kg: STIFFNESS / (dt_s * dt_s),
+            clamp_per_kg: scene.clamp_stiffness() / (dt_s * dt_s),
             place: Vec::new(),
             band: 0,
         };

@@ -1,12 +1,13 @@
-//! One time step of MLS-MPM: particles to grid, grid update, grid to particles.
+//! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
 use super::clamp::{RigidMotion, STIFFNESS};
-use super::elastic::Lame;
+use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::material::{Material, Motion};
 use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
+use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub};
 
 /// What moves with the rope.
@@ -42,20 +43,45 @@ impl<T> Particle<T> {
 pub struct StepContext<'a, T> {
     /// Coefficients and laws.
     pub physics: &'a Physics<T>,
-    /// Elastic moduli.
+    /// Elastic moduli, Pa.
     pub lame: Lame<T>,
+    /// Viscosities, Pa s.
+    pub viscosity: Lame<T>,
     /// Time step, s.
     pub dt_s: f64,
     /// Diameter of the rope, m.
     pub diameter_m: f64,
+    /// Stiffness of a clamp's spring as a multiple of its particle's mass over the square of the time step.
+    pub clamp_stiffness: f64,
     /// Height of the table, m.
     pub table_m: Option<f64>,
     /// Particles per slice.
     pub section: usize,
 }
 
-/// Advances particles and material by one step. `motions` holds the motion of each closed grip at the end of
-/// the step; `decay` multiplies every velocity (1 outside settling).
+impl<'a, T: Real> StepContext<'a, T> {
+    /// For a scene whose slices have `section` particles.
+    pub fn new(scene: &Scene, physics: &'a Physics<T>, dt_s: f64, section: usize) -> Self {
+        Self {
+            physics,
+            lame: physics.lame(),
+            viscosity: physics.viscosity(&scene.rope),
+            dt_s,
+            diameter_m: scene.rope.diameter_m,
+            clamp_stiffness: scene.clamp_stiffness(),
+            table_m: scene.table.map(|table| table.height_m),
+            section,
+        }
+    }
+
+    /// Stiffness of a clamp's spring over its particle's mass, 1/s².
+    pub fn clamp_per_kg(&self) -> f64 {
+        self.clamp_stiffness / (self.dt_s * self.dt_s)
+    }
+}
+
+/// Advances nodes, particles and material by one step. `motions` holds the motion of each closed grip at the
+/// end of the step; `decay` multiplies every velocity (1 outside settling).
 #[inline(always)]
 pub fn step<T: Real>(
     particles: &mut [Particle<T>],
@@ -83,9 +109,9 @@ pub fn particles_to_grid<T: Real>(
     grid.clear();
     material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
-        let field = momentum_field(particle, material, context, grid.spacing_m, index)?;
-        scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.nodes);
-        if let Some((stiffness, velocity)) = clamp_target(particle, motions, context.dt_s) {
+        let field = impulse_field(particle, material, context, grid.spacing_m, index)?;
+        scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.impulses);
+        if let Some((stiffness, velocity)) = clamp_target(particle, motions, context) {
             scatter_clamp(index, stiffness, velocity, grid);
         }
     }
@@ -103,38 +129,37 @@ pub fn grid_to_particles<T: Real>(particles: &mut [Particle<T>], grid: &Grid<T>,
     }
 }
 
-/// Momentum that a particle gives to a node at the undeformed offset d:
-/// w (m v + dt f + (m Ḟ − dt V P 4/dx²) d), Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff
-/// stress P in place of the Kirchhoff stress because offsets are undeformed.
-pub(super) struct MomentumField<T> {
+/// Impulse that a particle gives to a node at the undeformed offset d: w dt (f − V P 4/dx² d), the
+/// force of Hu et al. 2018, eq. 29, with the first Piola-Kirchhoff stress P in place of the Kirchhoff
+/// stress because offsets are undeformed.
+pub(super) struct ImpulseField<T> {
     pub(super) at_particle: Vec3<T>,
     pub(super) slope: Mat3<T>,
 }
 
 #[inline(always)]
-fn momentum_field<T: Real>(
+fn impulse_field<T: Real>(
     particle: &Particle<T>,
     material: &Material<T>,
     context: &StepContext<T>,
     dx: f64,
     index: usize,
-) -> Result<MomentumField<T>, Cause> {
+) -> Result<ImpulseField<T>, Cause> {
     let (pk1, j) = material.piola(index, particle.motion(), context.physics, &context.lame);
     if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
     }
+    let (f, rate) = particle.motion();
+    let viscous = Straining::new(f, rate, &context.viscosity).piola_stress(f);
     let stress_scale = -context.dt_s * particle.volume_m3 * 4.0 / (dx * dx);
-    let m = particle.mass_kg;
-    let mut slope = particle.deformation_rate;
-    for a in 0..3 {
-        slope[a] = add(mul(slope[a], m), scaled(pk1[a], stress_scale));
-    }
-    let mut at_particle = mul(particle.velocity_m_s, m);
+    let mut at_particle = [T::zero(); 3];
     if !context.physics.force_laws.is_empty() {
-        let force_n = force_of_laws(particle, context);
-        at_particle = add(at_particle, scaled(force_n, context.dt_s));
+        at_particle = scaled(force_of_laws(particle, context), context.dt_s);
     }
-    Ok(MomentumField { at_particle, slope })
+    Ok(ImpulseField {
+        at_particle,
+        slope: std::array::from_fn(|a| scaled(add(pk1[a], viscous[a]), stress_scale)),
+    })
 }
 
 /// Sum of the force laws, N.
@@ -170,19 +195,20 @@ pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
 pub(super) fn clamp_target<T: Real>(
     particle: &Particle<T>,
     motions: &[Option<RigidMotion<T>>],
-    dt_s: f64,
+    context: &StepContext<T>,
 ) -> Option<(T, Vec3<T>)> {
     let (grip, offset_m) = particle.grip?;
     let motion = motions[grip].as_ref()?;
     let gap = sub(motion.place(offset_m), particle.position_m);
-    Some((particle.mass_kg.scale(STIFFNESS), scaled(gap, 1.0 / dt_s)))
+    let stiffness = particle.mass_kg.scale(context.clamp_stiffness);
+    Some((stiffness, scaled(gap, 1.0 / context.dt_s)))
 }
 
 #[inline(always)]
 pub(super) fn scatter<T: Real>(
     link: &Link<T>,
     spacing_m: f64,
-    field: &MomentumField<T>,
+    field: &ImpulseField<T>,
     nodes: &mut [T::Packed],
 ) {
     let dx = T::base(spacing_m);
@@ -205,10 +231,10 @@ pub(super) fn scatter<T: Real>(
     for i in 0..3 {
         let lines = [planes[i] - along_y, planes[i], planes[i] + along_y];
         for j in 0..3 {
-            let momenta = [lines[j] - along_z, lines[j], lines[j] + along_z];
+            let impulses = [lines[j] - along_z, lines[j], lines[j] + along_z];
             for k in 0..3 {
                 let entry = 9 * i + 3 * j + k;
-                nodes[slots[entry] as usize] += T::packed_times(momenta[k], weights[entry]);
+                nodes[slots[entry] as usize] += T::packed_times(impulses[k], weights[entry]);
             }
         }
     }
@@ -275,20 +301,20 @@ pub(super) fn asked_of_slice<T: Real>(
     (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
 }
 
-/// Turns momenta into velocities: weight, settling, table, clamps.
+/// Turns impulses into a change of the velocities: settling, weight, table, clamps.
 #[inline(always)]
 pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
-    for index in 0..grid.nodes.len() {
-        let free = mul(T::unpack(grid.nodes[index]), grid.inverse_mass[index]);
-        let velocity = add(scaled(free, decay), fall);
-        if !grid.constrained {
-            grid.nodes[index] = T::pack(velocity);
-            continue;
+    for index in 0..grid.velocities_m_s.len() {
+        let change = mul(T::unpack(grid.impulses[index]), grid.inverse_mass[index]);
+        let kept = scaled(T::unpack(grid.velocities_m_s[index]), decay);
+        let mut velocity = add(add(kept, change), fall);
+        if grid.constrained {
+            let mass = grid.mass_kg[index];
+            velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
+            velocity = clamp_node(velocity, mass, &grid.clamps[index]);
         }
-        let mass = grid.mass_kg[index];
-        let velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
-        grid.nodes[index] = T::pack(clamp_node(velocity, mass, &grid.clamps[index]));
+        grid.velocities_m_s[index] = T::pack(velocity);
     }
 }
 
@@ -333,7 +359,7 @@ pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> 
 /// Moves a particle on with its nodes.
 #[inline(always)]
 fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_s: f64) {
-    let (velocity, rate) = field_of_nodes(&grid.links[index], grid.spacing_m, &grid.nodes);
+    let (velocity, rate) = field_of_nodes(&grid.links[index], grid.spacing_m, &grid.velocities_m_s);
     for a in 0..3 {
         let f = &mut particle.deformation_gradient[a];
         *f = add(*f, scaled(rate[a], dt_s));
@@ -381,4 +407,70 @@ pub(super) fn field_of_nodes<T: Real>(
         }
     }
     (velocity, rate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::rollout::{initial_particles, masses_kg, mouths};
+    use crate::sim::rope::RopeShape;
+    use crate::sim::scene::fastest_pa;
+
+    const DENSITY_KG_M3: f64 = 1000.0;
+    const YOUNG_PA: f64 = 1e6;
+
+    /// ω² ρ dx² of the fastest oscillation of a free rope, by power iteration with forces per mass.
+    fn fastest_by_iteration(cells: f64, poisson: f64, shift_cells: [f64; 3]) -> f64 {
+        let rope = RopeShape::of_density(0.1, 0.014, DENSITY_KG_M3);
+        let mut scene = Scene::new(rope, [0.0; 3], [1.0, 0.0, 0.0], vec![], None, cells, vec![0.1]).unwrap();
+        scene.grid.shift_cells = shift_cells;
+        let mut physics = Physics::base(YOUNG_PA, poisson, 0.0);
+        (physics.loss, physics.gravity_m_s2) = (0.0, [0.0; 3]);
+        let layout = scene.layout();
+        let masses = masses_kg(&scene, &physics, &layout);
+        let still = initial_particles(&scene, &layout, &masses);
+        let mut grid = Grid::new(&layout, scene.grid, &masses);
+        let mut material = Material::new(&physics, &layout, &mouths(&scene));
+        let context = StepContext::new(&scene, &physics, 1.0, layout.section_m.len());
+        let mut field: Vec<Vec3<f64>> = (0..grid.mass_kg.len())
+            .map(|i| [7919, 104_729, 1_299_709].map(|prime| ((i * prime) % 101) as f64 - 50.0))
+            .collect();
+        let norm = |field: &[Vec3<f64>], masses: &[f64]| {
+            let squares = field.iter().zip(masses).map(|(v, m)| m * dot(*v, *v));
+            squares.sum::<f64>().sqrt()
+        };
+        const SMALL: f64 = 1e-9;
+        let mut omega_squared = 0.0;
+        for _ in 0..150 {
+            let size = SMALL / norm(&field, &grid.mass_kg);
+            for (node, v) in grid.velocities_m_s.iter_mut().zip(&field) {
+                *node = f64::pack(scaled(*v, size));
+            }
+            let mut particles = still.clone();
+            grid_to_particles(&mut particles, &grid, 1.0);
+            particles_to_grid(&particles, &mut material, &mut grid, &context, &[]).unwrap();
+            for (v, (&impulse, &mass)) in field.iter_mut().zip(grid.impulses.iter().zip(&grid.mass_kg)) {
+                *v = scaled(f64::unpack(impulse), -1.0 / mass);
+            }
+            omega_squared = norm(&field, &grid.mass_kg) / SMALL;
+        }
+        omega_squared * DENSITY_KG_M3 * scene.grid.spacing_m.powi(2)
+    }
+
+    /// The time step rests on this bound; it is also not so far off that steps would be wasted.
+    #[test]
+    fn the_bound_of_the_fastest_oscillation_holds() {
+        for cells in [1.5, 2.2] {
+            for poisson in [0.0, 0.2, 0.35, 0.49] {
+                for shift in [0.0, 0.25, 0.5] {
+                    let found = fastest_by_iteration(cells, poisson, [shift; 3]);
+                    let share = found / fastest_pa(&Lame::new(YOUNG_PA, poisson));
+                    assert!(
+                        share < 1.0 && share > 0.75,
+                        "{cells} cells, ν = {poisson}: {share}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -7,7 +7,7 @@
 //! every tangent.
 
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
-use super::clamp::{RigidMotion, STIFFNESS};
+use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::GridSpec;
@@ -60,11 +60,14 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 T::base(4.0 * context.dt_s * volume_m3 / dx)
             }));
         }
-        let lame = (0..T::CHANNELS).map(|k| Lame {
-            mu: T::Plain::<I>::splat(context.lame.mu.channel(k)),
-            lambda: T::Plain::<I>::splat(context.lame.lambda.channel(k)),
-        });
-        let tangents = |m: &T| (1..T::CHANNELS).any(|k| m.channel(k).value() != 0.0);
+        let moduli = |lame: &Lame<T>, k: usize| Lame {
+            mu: T::Plain::<I>::splat(lame.mu.channel(k)),
+            lambda: T::Plain::<I>::splat(lame.lambda.channel(k)),
+        };
+        let per_cell = Lame {
+            mu: context.viscosity.mu.scale(1.0 / dx),
+            lambda: context.viscosity.lambda.scale(1.0 / dx),
+        };
         let rows = |count| Rows::new(T::CHANNELS, transfer.planes, count, transfer.width);
         let zero = T::Plain::<I>::zero();
         let laws = Laws::new(context, layout, dx);
@@ -79,9 +82,10 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 extra: laws.as_ref().map(|laws| laws.space(T::CHANNELS)),
                 held,
                 stress_scales,
-                lame: lame.collect(),
-                masses_vary: masses.iter().any(tangents),
-                momentum: rows(3),
+                lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),
+                viscosity: (0..T::CHANNELS).map(|k| moduli(&per_cell, k)).collect(),
+                clamp_stiffness: context.clamp_stiffness,
+                impulse: rows(3),
                 velocity: rows(3),
                 contact: rows(CONTACT_ROWS),
                 clamps: rows(CLAMP_ROWS),
@@ -148,7 +152,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         Ok(())
     }
 
-    /// Adds the momentum that forces per length of the slices, N/m, give in the step at hand.
+    /// Adds the impulse that forces per length of the slices, N/m, give in the step at hand.
     pub(super) fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
         let blocks = &mut self.blocks;
         for block in 0..blocks.transfer.blocks() {
@@ -170,8 +174,8 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 for member in 0..blocks.transfer.members.len() {
                     blocks.transfer.scatter(block, member, &impulse, &still, nodes);
                 }
-                let momentum = blocks.momentum.channel_mut(channel);
-                blocks.transfer.add_to_planes(block, 3, true, nodes, momentum);
+                let sum = blocks.impulse.channel_mut(channel);
+                blocks.transfer.add_to_planes(block, 3, true, nodes, sum);
             }
         }
     }
@@ -245,7 +249,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
 
     /// Force of every grip on the rope in the step that ended in this state, N, as
     /// [`super::clamp::grip_forces_n`] has it.
-    pub fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], dt_s: f64) -> Vec<Vec3<T>> {
+    pub fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
         let members = self.blocks.transfer.members.len();
         let mut forces = vec![zero3(); motions.len()];
         for held in &self.blocks.held {
@@ -263,7 +267,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 for lane in (0..Self::COUNT).filter(|&lane| mask[lane].value() != 0.0) {
                     let place = motion.place(offset.map(|lanes| lanes[lane].value()));
                     let mass: T = number(|body, _| body.mass_kg, 0, lane);
-                    let stiffness = mass.scale(STIFFNESS / (dt_s * dt_s));
+                    let stiffness = mass.scale(clamp_per_kg);
                     for a in 0..3 {
                         let gap = place[a] - number(|body, a| body.position_m[a], a, lane);
                         forces[held.grip][a] += gap * stiffness;

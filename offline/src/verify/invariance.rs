@@ -3,7 +3,7 @@
 use super::case::{Case, Of};
 use super::golden::{bits, lift};
 use super::setup::{DIAMETER_M, SOFT_PA, elastic, free_scene, knot, rope, start_grip};
-use super::{Extent, Findings, Stepper, matrix, rows};
+use super::{Extent, Findings, Stepper};
 use crate::sim::clamp::ClampPath;
 use crate::sim::scene::{Scene, Table};
 use crate::sim::{Physics, SimError, simulate};
@@ -32,12 +32,8 @@ fn turned_world() -> Result<Vec<Case>, SimError> {
     let mut here = Stepper::new(&scene, &level);
     here.set_motion(Vector3::new(0.2, 0.1, 0.0), gradient);
     let mut there = Stepper::new(&scene, &turned);
-    for (p, q) in here.particles.iter().zip(&mut there.particles) {
-        q.position_m = (turn * Vector3::from(p.position_m) + shift).into();
-        q.velocity_m_s = (turn * Vector3::from(p.velocity_m_s)).into();
-        q.deformation_rate = rows(&(turn * matrix(&p.deformation_rate)));
-        q.deformation_gradient = rows(&(turn * matrix(&p.deformation_gradient)));
-    }
+    there.set_motion(Vector3::new(0.2, 0.1, 0.0), gradient);
+    there.place(&turn, &shift);
     here.advance(1500)?;
     there.advance(1500)?;
     let off = |(p, q): (&[f64; 3], &[f64; 3])| (turn * Vector3::from(*p) + shift - Vector3::from(*q)).norm();

@@ -4,6 +4,7 @@
 use crate::sim::error::Cause;
 use crate::sim::grid::Grid;
 use crate::sim::material::Material;
+use crate::sim::real::Real;
 use crate::sim::rollout::{grip_motions, initial_particles, masses_kg, mouths, time_step_s};
 use crate::sim::rope::RopeLayout;
 use crate::sim::step::{Particle, StepContext, step};
@@ -21,6 +22,11 @@ pub struct Stepper<'a> {
     scene: &'a Scene,
     physics: &'a Physics<f64>,
     grid: Grid<f64>,
+    /// Where the nodes lie in the undeformed rope, and where they are now, m.
+    nodes_material_m: Vec<Vector3<f64>>,
+    nodes_m: Vec<Vector3<f64>>,
+    /// Turns material axes (s, side, up) to those of the undeformed rope in the world.
+    straight: Matrix3<f64>,
     material: Material<f64>,
     steps: usize,
 }
@@ -31,11 +37,20 @@ impl<'a> Stepper<'a> {
     pub fn new(scene: &'a Scene, physics: &'a Physics<f64>) -> Self {
         let layout = scene.layout();
         let masses = masses_kg(scene, physics, &layout);
+        let particles = initial_particles(scene, &layout, &masses);
+        let grid = Grid::new(&layout, scene.grid, &masses);
+        let nodes_material_m = nodes_material_m(&grid, &layout);
         Self {
             material: Material::new(physics, &layout, &mouths(scene)),
-            particles: initial_particles(scene, &layout, &masses),
             dt_s: time_step_s(scene, physics),
-            grid: Grid::new(&layout, scene.grid, &masses),
+            nodes_m: nodes_material_m
+                .iter()
+                .map(|m| scene.straight_m((*m).into()).into())
+                .collect(),
+            nodes_material_m,
+            straight: matrix(&particles[0].deformation_gradient),
+            particles,
+            grid,
             layout,
             scene,
             physics,
@@ -43,32 +58,33 @@ impl<'a> Stepper<'a> {
         }
     }
 
-    /// Gives every particle the velocity field `v(x) = velocity + gradient (x − centre)`.
+    /// Gives the rope the velocity field `v(x) = velocity + gradient (x − centre)`.
     pub fn set_motion(&mut self, velocity: Vector3<f64>, gradient: Matrix3<f64>) {
         let centre = self.centre_m();
-        for p in &mut self.particles {
-            let v = velocity + gradient * (Vector3::from(p.position_m) - centre);
-            p.velocity_m_s = v.into();
-            let f = matrix(&p.deformation_gradient);
-            p.deformation_rate = rows(&(gradient * f));
+        for (node, at) in self.grid.velocities_m_s.iter_mut().zip(&self.nodes_m) {
+            *node = f64::pack((velocity + gradient * (at - centre)).into());
         }
     }
 
-    /// Gives the undeformed rope a velocity field over the material coordinates (s, side, up), itself
-    /// along these axes, with its gradient.
+    /// Turns the rope about the world's origin as it moves and is strained, then shifts it.
+    pub fn place(&mut self, turn: &Matrix3<f64>, shift_m: &Vector3<f64>) {
+        for p in &mut self.particles {
+            p.position_m = (turn * Vector3::from(p.position_m) + shift_m).into();
+            p.deformation_gradient = rows(&(turn * matrix(&p.deformation_gradient)));
+        }
+        for at in &mut self.nodes_m {
+            *at = turn * *at + shift_m;
+        }
+        for node in &mut self.grid.velocities_m_s {
+            *node = f64::pack((turn * Vector3::from(f64::unpack(*node))).into());
+        }
+    }
+
+    /// Gives the rope a velocity field over the material coordinates (s, side, up), itself along the axes
+    /// of the undeformed rope.
     pub fn set_material_motion(&mut self, field: impl Fn(Vector3<f64>) -> Vector3<f64>) {
-        const H_M: f64 = 1e-7;
-        for (index, p) in self.particles.iter_mut().enumerate() {
-            let [side, up] = self.layout.section_m[index % self.layout.section_m.len()];
-            let at = Vector3::new(self.layout.slice_of(index).arc_m, side, up);
-            let turn = matrix(&p.deformation_gradient);
-            p.velocity_m_s = (turn * field(at)).into();
-            let slope = |k: usize| {
-                let step = Vector3::ith(k, H_M);
-                (field(at + step) - field(at - step)) / (2.0 * H_M)
-            };
-            let gradient = Matrix3::from_columns(&[slope(0), slope(1), slope(2)]);
-            p.deformation_rate = rows(&(turn * gradient));
+        for (node, at) in self.grid.velocities_m_s.iter_mut().zip(&self.nodes_material_m) {
+            *node = f64::pack((self.straight * field(*at)).into());
         }
     }
 
@@ -90,14 +106,8 @@ impl<'a> Stepper<'a> {
     /// # Errors
     /// As [`Self::advance`].
     pub fn advance_damped(&mut self, count: usize, rate_per_s: f64) -> Result<(), SimError> {
-        let context = StepContext {
-            physics: self.physics,
-            lame: self.physics.lame(),
-            dt_s: self.dt_s,
-            diameter_m: self.scene.rope.diameter_m,
-            table_m: self.scene.table.map(|t| t.height_m),
-            section: self.layout.section_m.len(),
-        };
+        let section = self.layout.section_m.len();
+        let context = StepContext::new(self.scene, self.physics, self.dt_s, section);
         let decay = (-rate_per_s * self.dt_s).exp();
         for _ in 0..count {
             let t_s = self.now_s();
@@ -116,6 +126,9 @@ impl<'a> Stepper<'a> {
                 decay,
             )
             .map_err(stop)?;
+            for (place, &velocity) in self.nodes_m.iter_mut().zip(&self.grid.velocities_m_s) {
+                *place += Vector3::from(f64::unpack(velocity)) * self.dt_s;
+            }
             self.steps += 1;
         }
         Ok(())
@@ -149,52 +162,72 @@ impl<'a> Stepper<'a> {
 
     /// Velocity of the centre of mass, m/s.
     pub fn velocity_m_s(&self) -> Vector3<f64> {
-        let sum: Vector3<f64> = self
-            .particles
-            .iter()
-            .map(|p| Vector3::from(p.velocity_m_s) * p.mass_kg)
-            .sum();
+        let sum: Vector3<f64> = self.nodes().map(|(mass_kg, _, v)| v * mass_kg).sum();
         sum / self.mass_kg()
     }
 
-    /// Angular momentum about the centre of mass, kg m²/s, with the part that the particles' affine
-    /// velocity fields carry: each column of Ḟ moves at the end of a lever, the same column of F.
+    /// Angular momentum about the centre of mass, kg m²/s.
     pub fn angular_momentum(&self) -> Vector3<f64> {
         let centre = self.centre_m();
-        let lever = self.affine_inertia_m2();
-        self.particles
-            .iter()
-            .map(|p| {
-                let (f, rate) = (matrix(&p.deformation_gradient), matrix(&p.deformation_rate));
-                let affine: Vector3<f64> = (0..3)
-                    .map(|b| f.column(b).into_owned().cross(&rate.column(b).into_owned()))
-                    .sum();
-                let orbit = (Vector3::from(p.position_m) - centre).cross(&Vector3::from(p.velocity_m_s));
-                (orbit + affine * lever) * p.mass_kg
-            })
+        self.nodes()
+            .map(|(mass_kg, place, velocity)| (place - centre).cross(&velocity) * mass_kg)
             .sum()
     }
 
-    /// Kinetic, elastic and potential energy, J.
-    pub fn energy_j(&self) -> f64 {
+    /// Kinetic, elastic and potential energy, J; takes a step. The kinetic energy is ½ Σ m v·v' of the velocities
+    /// before and after the step's forces: what a symplectic step keeps exactly where forces are linear.
+    ///
+    /// # Errors
+    /// As [`Self::advance`].
+    pub fn energy_of_step_j(&mut self) -> Result<f64, SimError> {
+        let rest = self.potential_j();
+        let before: Vec<Vector3<f64>> = self.nodes().map(|(_, _, velocity)| velocity).collect();
+        self.advance(1)?;
+        let moving = self
+            .nodes()
+            .zip(&before)
+            .map(|((mass_kg, _, v), u)| 0.5 * mass_kg * v.dot(u));
+        Ok(rest + moving.sum::<f64>())
+    }
+
+    /// Elastic and potential energy, J.
+    fn potential_j(&self) -> f64 {
         let volumes: Vec<f64> = self.particles.iter().map(|p| p.volume_m3).collect();
         let gradient = |index: usize| &self.particles[index].deformation_gradient;
         let stored = self.material.energy_j(self.physics, gradient, &volumes);
-        let lever = self.affine_inertia_m2();
         let gravity = Vector3::from(self.physics.gravity_m_s2);
-        let moving = self.particles.iter().map(|p| {
-            let affine = matrix(&p.deformation_rate).norm_squared() * lever;
-            let speed = Vector3::from(p.velocity_m_s).norm_squared();
-            let fall = gravity.dot(&Vector3::from(p.position_m));
-            p.mass_kg * (0.5 * (speed + affine) - fall)
-        });
-        stored + moving.sum::<f64>()
+        let fallen = self
+            .nodes()
+            .map(|(mass_kg, place, _)| mass_kg * gravity.dot(&place));
+        stored - fallen.sum::<f64>()
     }
 
-    /// dx²/4: second moment of the quadratic kernel (Jiang et al. 2015).
-    fn affine_inertia_m2(&self) -> f64 {
-        0.25 * self.scene.grid.spacing_m.powi(2)
+    /// Mass, place and velocity of every node, kg, m and m/s.
+    fn nodes(&self) -> impl Iterator<Item = (f64, Vector3<f64>, Vector3<f64>)> {
+        let velocities = self
+            .grid
+            .velocities_m_s
+            .iter()
+            .map(|&v| Vector3::from(f64::unpack(v)));
+        let masses = self.grid.mass_kg.iter().copied();
+        masses
+            .zip(&self.nodes_m)
+            .zip(velocities)
+            .map(|((m, &x), v)| (m, x, v))
     }
+}
+
+/// Where the nodes of a grid lie in the undeformed rope, (s, side, up), m.
+fn nodes_material_m(grid: &Grid<f64>, layout: &RopeLayout) -> Vec<Vector3<f64>> {
+    let mut places = vec![Vector3::zeros(); grid.mass_kg.len()];
+    for (index, link) in grid.links.iter().enumerate() {
+        let middle = Vector3::from(layout.material_m(index)) - Vector3::from(link.offset_m);
+        for (entry, &slot) in link.slots.iter().enumerate() {
+            let cells = [entry / 9, entry / 3 % 3, entry % 3].map(|k| k as f64 - 1.0);
+            places[slot as usize] = middle + Vector3::from(cells) * grid.spacing_m;
+        }
+    }
+    places
 }
 
 /// A row-major matrix as nalgebra's.

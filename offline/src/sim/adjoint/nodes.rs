@@ -113,15 +113,29 @@ impl<F: Precision> NodeForces<'_, F> {
     }
 }
 
-/// Derivatives of v = decay n/M + g dt with respect to momentum n, gravity g and mass M.
+/// Derivatives of the result with respect to what a node's free motion is made of.
+pub(super) struct FreeCotangent<F> {
+    pub(super) velocity: Vec3<F>,
+    pub(super) impulse: Vec3<F>,
+    pub(super) mass: F,
+}
+
+/// Pulls back v = decay u + n/M + g dt to the velocity u `before` the step, the impulse n and the mass M.
 #[inline(always)]
-pub(super) fn pull_back_fall<F: Precision>(
+pub(super) fn pull_back_free<F: Precision>(
     cotangent: &NodeCotangent<F>,
     inverse_mass: F,
+    before: Vec3<F>,
     fall: Vec3<F>,
     decay: f64,
-) -> (Vec3<F>, F) {
-    let bar = mul(cotangent.velocity, inverse_mass);
-    let moved = sub(cotangent.before, fall);
-    (scaled(bar, decay), -dot(bar, moved))
+) -> FreeCotangent<F> {
+    let velocity = scaled(cotangent.velocity, decay);
+    let impulse = mul(cotangent.velocity, inverse_mass);
+    // What the impulse did, n/M.
+    let pushed = sub(sub(cotangent.before, fall), scaled(before, decay));
+    FreeCotangent {
+        velocity,
+        impulse,
+        mass: -dot(impulse, pushed),
+    }
 }

@@ -1,7 +1,7 @@
 //! The way back over a rollout, step by step, from its end to its start.
 
 use super::laws::{LawCotangent, has_laws, pull_back_laws};
-use super::nodes::{NodeForces, pull_back_fall};
+use super::nodes::{NodeForces, pull_back_free};
 use super::paths::{MotionCotangent, PathGradients};
 use super::seeds::Seeds;
 use super::state::{StateCotangent, total};
@@ -9,7 +9,8 @@ use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
 use crate::sim::blocks::{Part, Stepped};
-use crate::sim::clamp::{RigidMotion, STIFFNESS};
+use crate::sim::clamp::RigidMotion;
+use crate::sim::elastic::Straining;
 use crate::sim::error::SimError;
 use crate::sim::lanes::{Instructions, Lanes};
 use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS, forget};
@@ -45,12 +46,14 @@ pub(super) fn gradient<F: Precision, I: Instructions, M: Family>(
         let count = back.node_bars.len();
         let of_step = |number: usize| &nodes[(number - range.start) * count..][..count];
         for number in range.clone().rev() {
-            if number > range.start {
+            let before = if number > range.start {
                 back.undo(of_step(number - 1));
+                of_step(number - 1)
             } else {
                 back.restore(&checkpoint);
-            }
-            back.step(number, of_step(number))?;
+                &checkpoint.nodes
+            };
+            back.step(number, [before, of_step(number)])?;
             seeds.add(number, shape, &mut back.bars);
         }
     }
@@ -61,6 +64,8 @@ pub(super) fn gradient<F: Precision, I: Instructions, M: Family>(
 #[derive(Default)]
 struct Totals {
     lame: [f64; 2],
+    /// With respect to the viscosities over the node spacing.
+    viscosity: [f64; 2],
     friction: f64,
     gravity: [f64; 3],
 }
@@ -75,8 +80,9 @@ struct WayBack<'a, F: Precision, I: Instructions> {
     rates: Vec<Mat3<F::Plain<I>>>,
     /// Derivatives with respect to that state.
     bars: Vec<StateCotangent<F::Plain<I>>>,
-    /// Derivatives with respect to the nodes: velocity, then momentum; clamps; contact.
+    /// Derivatives with respect to the nodes: velocity, impulse, clamps, contact.
     node_bars: Vec<F>,
+    impulse_bars: Vec<F>,
     clamp_bars: Vec<F>,
     contact_bars: Vec<F>,
     /// Derivatives with respect to masses, by node and by particle; only filled where masses depend on
@@ -105,6 +111,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             rates: vec![[[zero; 3]; 3]; engine.blocks.bodies.len()],
             bars: vec![StateCotangent::zero(); engine.blocks.bodies.len()],
             node_bars: vec![F::zero(); 3 * nodes],
+            impulse_bars: vec![F::zero(); 3 * nodes],
             clamp_bars: vec![F::zero(); CLAMP_ROWS * nodes],
             contact_bars: vec![F::zero(); CONTACT_ROWS * nodes],
             node_mass_bars: vec![0.0; nodes],
@@ -203,16 +210,16 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         self.look_up(before);
     }
 
-    /// Carries the derivatives over one step. `after` holds the nodes' velocities after it.
+    /// Carries the derivatives over one step; given are the nodes' velocities before and after it.
     #[inline(always)]
-    fn step(&mut self, number: usize, after: &[F]) -> Result<(), SimError> {
+    fn step(&mut self, number: usize, velocities: [&[F]; 2]) -> Result<(), SimError> {
         let motions = self.setup.motions(number);
         forget(&mut self.engine.blocks);
         self.engine
             .springs(&motions)
             .map_err(|cause| self.setup.stop(number, cause))?;
         self.spread();
-        self.nodes(after, self.setup.decay(number));
+        self.nodes(velocities, self.setup.decay(number));
         self.particles(number);
         if self.engine.blocks.constrained.iter().any(|&c| c) {
             self.clamps(&motions, number);
@@ -221,7 +228,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         Ok(())
     }
 
-    /// Transpose of the transfer from the grid.
+    /// Transpose of the transfer from the grid, added to what the nodes' velocities did in the step after.
     #[inline(always)]
     fn spread(&mut self) {
         let members = self.members();
@@ -230,7 +237,6 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let dt_per_cell = F::Plain::<I>::of(dt_s / self.setup.scene.grid.spacing_m);
         let four = F::Plain::<I>::of(4.0);
         let transfer = &self.engine.blocks.transfer;
-        self.node_bars.fill(F::zero());
         for (block, bars) in self.bars.chunks(members).enumerate() {
             let nodes = &mut self.scratch[..6 * transfer.width];
             nodes.fill(F::Plain::<I>::zero());
@@ -249,9 +255,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
     }
 
-    /// Derivatives with respect to velocities become those with respect to momenta.
+    /// Derivatives with respect to velocities after the update of the nodes become those with respect to
+    /// velocities before it and to impulses.
     #[inline(always)]
-    fn nodes(&mut self, after: &[F], decay: f64) {
+    fn nodes(&mut self, velocities: [&[F]; 2], decay: f64) {
         let width = self.engine.blocks.transfer.width;
         let mut gravity = [F::Plain::<I>::zero(); 3];
         let constrained = self.engine.blocks.constrained.iter().any(|&c| c);
@@ -262,18 +269,20 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         for plane in 0..self.engine.blocks.transfer.planes {
             if self.engine.blocks.constrained[plane] || self.weighed {
                 for node in 0..width {
-                    self.node(plane, node, after, decay);
+                    self.node(plane, node, velocities, decay);
                 }
                 continue;
             }
             let inverse = &self.engine.masses.inverse.channel(0)[plane * width..];
             for (a, gravity) in gravity.iter_mut().enumerate() {
-                let row = &mut self.node_bars[(3 * plane + a) * width..][..width];
+                let first = (3 * plane + a) * width;
+                let row = &mut self.node_bars[first..first + width];
+                let impulses = &mut self.impulse_bars[first..first + width];
                 for node in (0..width).step_by(Self::count()) {
                     let bar = F::Plain::<I>::load(&row[node..]);
                     *gravity += bar;
-                    let scale = F::Plain::<I>::load(&inverse[node..]).scale(decay);
-                    (bar * scale).store(&mut row[node..]);
+                    bar.scale(decay).store(&mut row[node..]);
+                    (bar * F::Plain::<I>::load(&inverse[node..])).store(&mut impulses[node..]);
                 }
             }
         }
@@ -283,7 +292,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     }
 
     /// The same for one node with all that may act on it.
-    fn node(&mut self, plane: usize, node: usize, after: &[F], decay: f64) {
+    fn node(&mut self, plane: usize, node: usize, [before, after]: [&[F]; 2], decay: f64) {
         let (context, width) = (&self.setup.context, self.engine.blocks.transfer.width);
         let at = |rows: usize, row: usize| (plane * rows + row) * width + node;
         let (nodes, masses) = (&self.engine.blocks, &self.engine.masses);
@@ -301,9 +310,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let bar = forces.pull_back(vector(after), vector(&self.node_bars));
         let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
         let inverse = masses.inverse.channel(0)[at(1, 0)];
-        let (momentum, by_mass) = pull_back_fall(&bar, inverse, fall, decay);
+        let free = pull_back_free(&bar, inverse, vector(before), fall, decay);
         for a in 0..3 {
-            self.node_bars[at(3, a)] = momentum[a];
+            self.node_bars[at(3, a)] = free.velocity[a];
+            self.impulse_bars[at(3, a)] = free.impulse[a];
             self.totals.gravity[a] += bar.velocity[a].value() * context.dt_s;
         }
         for row in 0..CLAMP_ROWS {
@@ -313,26 +323,26 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             self.contact_bars[at(CONTACT_ROWS, row)] = bar.contact[row];
         }
         self.totals.friction += bar.friction.value();
-        self.node_mass_bars[at(1, 0)] += (by_mass + bar.mass).value();
+        self.node_mass_bars[at(1, 0)] += (free.mass + bar.mass).value();
     }
 
-    /// Transpose of the transfer to the grid, then what made the momenta.
+    /// Transpose of the transfer to the grid, then what made the impulses.
     #[inline(always)]
     fn particles(&mut self, number: usize) {
         let (members, context) = (self.members(), &self.setup.context);
         let (quarter, dt) = (F::Plain::<I>::of(0.25), F::Plain::<I>::of(context.dt_s));
         let lawful = has_laws(self.vars.context.physics);
         let pushed = self.setup.forces(number).is_some();
-        let mut lame = [F::Plain::<I>::zero(); 2];
+        let (mut lame, mut viscosity) = ([F::Plain::<I>::zero(); 2], [F::Plain::<I>::zero(); 2]);
         for block in 0..self.engine.blocks.transfer.blocks() {
             let stress_scale = -(self.engine.blocks.stress_scales[block] * quarter);
             let transfer = &self.engine.blocks.transfer;
-            transfer.read_planes(block, 3, &self.node_bars, &mut self.scratch);
+            transfer.read_planes(block, 3, &self.impulse_bars, &mut self.scratch);
             let mut force = [F::Plain::<I>::zero(); 3];
             for member in 0..members {
                 let index = block * members + member;
                 let body = &self.engine.blocks.bodies[index];
-                let (momentum, change) = self.engine.blocks.transfer.gather(block, member, &self.scratch);
+                let (impulse, change) = self.engine.blocks.transfer.gather(block, member, &self.scratch);
                 // No closures here: they would not be compiled for the registers' instructions.
                 let mut stress = change;
                 for a in 0..3 {
@@ -340,31 +350,31 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                         stress[a][b] = change[a][b] * stress_scale;
                     }
                 }
-                let elastic =
-                    pull_back_piola(&body.deformation_gradient, &self.engine.blocks.lame[0], &stress);
-                let mass = body.mass_kg * quarter;
+                let (f, rate) = (&body.deformation_gradient, &self.rates[index]);
+                let elastic = pull_back_piola(f, &self.engine.blocks.lame[0], &stress);
+                let eta = &self.engine.blocks.viscosity[0];
+                let viscous = Straining::new(f, rate, eta).pull_back(f, rate, eta, &stress);
                 let bar = &mut self.bars[index];
                 for k in 0..2 {
                     lame[k] += elastic.lame[k];
+                    viscosity[k] += viscous.viscosity[k];
                 }
+                bar.velocity = [F::Plain::<I>::zero(); 3];
+                bar.rate = viscous.rate;
                 for a in 0..3 {
-                    force[a] += momentum[a];
-                    bar.velocity[a] = momentum[a] * body.mass_kg;
+                    force[a] += impulse[a];
                     for b in 0..3 {
-                        bar.rate[a][b] = change[a][b] * mass;
-                        bar.deformation_gradient[a][b] += elastic.deformation_gradient[a][b];
+                        bar.deformation_gradient[a][b] +=
+                            elastic.deformation_gradient[a][b] + viscous.deformation_gradient[a][b];
                     }
                 }
                 if lawful {
                     let wanted = LawCotangent {
-                        force: momentum.map(|x| x * dt),
+                        force: impulse.map(|x| x * dt),
                         stress,
                     };
                     let state = (body, &self.rates[index]);
                     pull_back_laws::<F, I>(self.session, self.vars, (block, member), state, &wanted, bar);
-                }
-                if self.weighed {
-                    self.weigh(block, member, &momentum, &change);
                 }
             }
             if pushed {
@@ -373,6 +383,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
         for k in 0..2 {
             self.totals.lame[k] += total(lame[k]);
+            self.totals.viscosity[k] += total(viscosity[k]);
         }
     }
 
@@ -387,28 +398,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
     }
 
-    /// Derivative with respect to the masses that carry momentum.
-    fn weigh(
-        &mut self,
-        block: usize,
-        member: usize,
-        momentum: &Vec3<F::Plain<I>>,
-        change: &Mat3<F::Plain<I>>,
-    ) {
-        let index = block * self.members() + member;
-        let (velocity, rate) = (self.engine.blocks.bodies[index].velocity_m_s, self.rates[index]);
-        let mut sum = F::Plain::<I>::zero();
-        for a in 0..3 {
-            sum = momentum[a].times_plus(velocity[a], sum);
-            for b in 0..3 {
-                sum = change[a][b].times_plus(rate[a][b].scale(0.25), sum);
-            }
-        }
-        self.add_to_masses(block, member, sum);
-    }
-
-    /// Derivative with respect to the force field; `momentum` is summed over the members of the slices.
-    fn push(&mut self, number: usize, block: usize, momentum: Vec3<F::Plain<I>>) {
+    /// Derivative with respect to the force field; `impulse` is summed over the members of the slices.
+    fn push(&mut self, number: usize, block: usize, impulse: Vec3<F::Plain<I>>) {
         let field = self.setup.context.physics.force_field.as_ref();
         let Some(at) = field.and_then(|f| f.block(self.setup.time_s(number))) else {
             return;
@@ -417,7 +408,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let first = block * Self::count();
         let share = self.setup.context.dt_s / self.members() as f64;
         for a in 0..3 {
-            let lanes = momentum[a].to_lanes();
+            let lanes = impulse[a].to_lanes();
             for lane in 0..Self::count().min(slices.len() - first) {
                 let length_m = slices[first + lane].length_m;
                 self.force_field[at][first + lane][a] += share * length_m * lanes[lane].value();
@@ -440,7 +431,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             let width = self.engine.blocks.transfer.width;
             let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
-            let springs = self.engine.blocks.held[held].mask.scale(STIFFNESS);
+            let springs = self.engine.blocks.held[held]
+                .mask
+                .scale(self.setup.context.clamp_stiffness);
             for member in 0..members {
                 let index = block * members + member;
                 let (body, offset) = (
@@ -516,6 +509,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let [mu, lambda] = self.totals.lame;
         session.seed(context.lame.mu, mu);
         session.seed(context.lame.lambda, lambda);
+        let per_cell = 1.0 / self.setup.scene.grid.spacing_m;
+        session.seed(context.viscosity.mu, self.totals.viscosity[0] * per_cell);
+        session.seed(context.viscosity.lambda, self.totals.viscosity[1] * per_cell);
         session.seed(context.physics.friction, self.totals.friction);
         for k in 0..3 {
             session.seed(context.physics.gravity_m_s2[k], self.totals.gravity[k]);
