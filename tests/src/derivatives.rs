@@ -10,7 +10,7 @@ use offline::sim::lanes::Laned;
 use offline::sim::physics::ForceField;
 use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
-use offline::sim::scene::{Grip, Scene, Table};
+use offline::sim::scene::{Grip, Scene, StepLength, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
 use offline::verify::setup::DIAMETER_M;
 use rand::{RngExt, SeedableRng};
@@ -325,13 +325,16 @@ pub fn random_field(scene: &Scene, blocks: usize, seed: u64) -> ForceField<f64> 
     }
 }
 
-/// A soft rope that steps at the speed bound, so that no parameter changes the step.
+/// A soft rope.
 pub fn soft_rope(length_m: f64) -> RopeShape {
     rope(length_m, DIAMETER_M)
 }
 
 /// ln E, ν and friction of the soft rope.
 pub const SOFT: [f64; BASE] = [12.9, 0.3, 0.4];
+
+/// Step of the scenes here, s, shorter than any that their parameters ask for: differences must not change it.
+const STEP: StepLength = StepLength::Fixed(1.5e-4);
 
 /// A quick lift of one end off the table, a part of the rope still sliding on it.
 pub fn lift() -> Scene {
@@ -342,7 +345,7 @@ pub fn lift() -> Scene {
     let grips = start_grip(0.02, path);
     let table = Some(Table { height_m: -0.007 });
     let times = vec![0.06, 0.12, 0.18, 0.24];
-    Scene::new(
+    let scene = Scene::new(
         soft_rope(0.16),
         [0.0; 3],
         [1.0, 0.0, 0.0],
@@ -350,8 +353,11 @@ pub fn lift() -> Scene {
         table,
         1.5,
         times,
-    )
-    .unwrap()
+    );
+    Scene {
+        step: STEP,
+        ..scene.unwrap()
+    }
 }
 
 /// A rope carried and turned by both ends above a table; one end is let go, falls and touches down.
@@ -374,7 +380,7 @@ pub fn free() -> Scene {
     let grips = vec![grip(RopeEnd::Start, start), grip(RopeEnd::End, end)];
     let table = Some(Table { height_m: 0.0 });
     let times = vec![0.05, 0.1, 0.15, 0.2, 0.25];
-    Scene::new(
+    let scene = Scene::new(
         soft_rope(0.14),
         [0.0, 0.0, level],
         [1.0, 0.0, 0.0],
@@ -382,8 +388,11 @@ pub fn free() -> Scene {
         table,
         1.5,
         times,
-    )
-    .unwrap()
+    );
+    Scene {
+        step: STEP,
+        ..scene.unwrap()
+    }
 }
 
 /// A short rope on the swing task, at the size of the rope.
@@ -396,6 +405,7 @@ pub fn swing(release_m: [f64; 2]) -> Scene {
     let release_s = scene.score_from_s;
     scene.frame_times_s = [-0.3, -0.01, 0.05, 0.15, 0.3].map(|t| release_s + t).into();
     scene.duration_s = release_s + 0.3;
+    scene.step = STEP;
     scene
 }
 

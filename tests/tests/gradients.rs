@@ -45,9 +45,9 @@ where
 }
 
 /// In double precision as a share of the derivative itself. In single precision both modes agree to 1e-4
-/// of the terms that their sums are made of, or as well as forward mode in single precision agrees with
-/// itself in double: rounding takes the two through slightly different rollouts, and after a contact has
-/// closed a step earlier in one of them they are as far apart as single precision is from the truth.
+/// of the terms that their sums are made of, or as well as single precision allows: rounding takes the two
+/// through slightly different rollouts, each as far from the truth as forward mode in single precision is
+/// from itself in double, so they may be three times as far from each other.
 /// Friction does nothing without a table.
 ///
 /// One entry is known to miss this: what a lag of the gripper does to a settled swing has died out to a
@@ -75,7 +75,7 @@ fn compare(name: &str, scene: &Scene) {
         );
         within += usize::from(off < 1e-4);
         let known = name == "swing" && label == "gripper_lag.lag_s";
-        if error.is_nan() || error > 1e-9 || off > rounding.max(1e-4) && !known {
+        if error.is_nan() || error > 1e-9 || off > (3.0 * rounding).max(1e-4) && !known {
             wrong.push(label);
         }
     }
