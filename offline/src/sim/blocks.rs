@@ -10,7 +10,7 @@ use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::real::Real;
 use super::step::CONTACT_NEAR_CELLS;
-use super::tensor::{Mat3, Vec3, add, mul, zero3};
+use super::tensor::{Mat3, Vec3, add, zero3};
 use super::transfer::Transfer;
 
 /// One channel of the same member of as many slices as a register has lanes.
@@ -77,6 +77,10 @@ pub struct Blocks<L: Lanes> {
     pub viscosity: Vec<Lame<L>>,
     /// As [`super::step::StepContext`] has it.
     pub clamp_stiffness: f64,
+    /// Share of the particles' momenta that they give to the nodes in the step at hand.
+    pub carried: f64,
+    /// Whether any particle's mass has tangents.
+    pub masses_vary: bool,
     /// Impulse, N s, summed up in a sweep.
     pub impulse: Rows<L::Scalar>,
     /// Velocity, m/s.
@@ -210,11 +214,11 @@ impl<L: Lanes> Blocks<L> {
         ))
     }
 
-    /// Impulse of stress and of the laws' forces, for one channel of a block.
+    /// Impulse of stress and of the laws' forces and a share of the momentum, for one channel of a block.
     #[inline(always)]
     fn give_impulse(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
         let members = self.transfer.members.len();
-        let scale = -self.stress_scales[block];
+        let (scale, carried) = (-self.stress_scales[block], L::of(self.carried));
         self.nodes.fill(L::zero());
         for member in 0..members {
             let mut pk1 = self.stress(block, channel, member)?;
@@ -224,11 +228,26 @@ impl<L: Lanes> Blocks<L> {
                 let stress = &extra.stresses[channel * members + member];
                 pk1 = sum(&pk1, stress);
             }
-            for row in &mut pk1 {
-                *row = mul(*row, scale);
+            let value = &self.bodies[self.first(block, 0) + member];
+            let body = &self.bodies[self.first(block, channel) + member];
+            let (rate, rate_value) = (&self.rates[channel * members + member], &self.rates[member]);
+            let mass = value.mass_kg * carried;
+            let mut slope = pk1;
+            for a in 0..3 {
+                at_particle[a] = body.velocity_m_s[a].times_plus(mass, at_particle[a]);
+                for b in 0..3 {
+                    slope[a][b] = pk1[a][b].times_plus(scale, rate[a][b] * mass);
+                }
+                if channel > 0 && self.masses_vary {
+                    let change = body.mass_kg * carried;
+                    at_particle[a] = value.velocity_m_s[a].times_plus(change, at_particle[a]);
+                    for b in 0..3 {
+                        slope[a][b] = rate_value[a][b].times_plus(change, slope[a][b]);
+                    }
+                }
             }
             self.transfer
-                .scatter(block, member, &at_particle, &pk1, &mut self.nodes);
+                .scatter(block, member, &at_particle, &slope, &mut self.nodes);
         }
         let planes = self.impulse.channel_mut(channel);
         self.transfer.add_to_planes(block, 3, true, &self.nodes, planes);

@@ -24,7 +24,13 @@ pub(super) trait Engine<T> {
         material: Material<T>,
     ) -> Self;
     /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause>;
+    /// `decay` multiplies every velocity in the next step.
+    fn sweep(
+        &mut self,
+        context: &StepContext<T>,
+        motions: &[Option<RigidMotion<T>>],
+        decay: f64,
+    ) -> Result<(), Cause>;
     /// Adds the momentum that forces per length, N/m, give in the step at hand to particles that stand
     /// for these lengths, m, by slice.
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
@@ -57,8 +63,13 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         Sweep::new(context, layout, grid, &particles)
     }
     #[inline(always)]
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        Sweep::sweep(self, context, motions)
+    fn sweep(
+        &mut self,
+        context: &StepContext<T>,
+        motions: &[Option<RigidMotion<T>>],
+        decay: f64,
+    ) -> Result<(), Cause> {
+        Sweep::sweep(self, context, motions, decay)
     }
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
         Sweep::push(self, context, force_n_m, lengths_m);
@@ -113,7 +124,12 @@ impl<T: Real> Engine<T> for OneByOne<T> {
             section: context.section,
         }
     }
-    fn sweep(&mut self, context: &StepContext<T>, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+    fn sweep(
+        &mut self,
+        context: &StepContext<T>,
+        motions: &[Option<RigidMotion<T>>],
+        decay: f64,
+    ) -> Result<(), Cause> {
         grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
         particles_to_grid(
             &self.particles,
@@ -121,6 +137,7 @@ impl<T: Real> Engine<T> for OneByOne<T> {
             &mut self.grid,
             context,
             motions,
+            decay,
         )
     }
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {

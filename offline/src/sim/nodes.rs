@@ -159,8 +159,8 @@ pub struct Update<T> {
     pub fall_m_s: Vec3<T>,
     /// Coulomb coefficient of the table.
     pub friction: T,
-    /// Factor of the velocity that was; forces act in full, so that a settled rope is in equilibrium.
-    pub decay: f64,
+    /// Share of the velocity that stays; forces act in full, so that a settled rope is in equilibrium.
+    pub kept: f64,
 }
 
 /// Turns impulses into a change of the velocities: settling, weight, table, clamps; and forgets what was
@@ -180,7 +180,7 @@ pub fn update<T: Laned, I: Instructions>(
             let inverse = masses.inverse.read::<T, I>(plane, 0, node);
             let impulse = blocks.impulse.read_vector::<T, I>(plane, 0, node);
             let before = blocks.velocity.read_vector::<T, I>(plane, 0, node);
-            let kept = scaled(before, what.decay);
+            let kept = scaled(before, what.kept);
             let mut velocity = add(add(kept, mul(impulse, inverse)), fall);
             if constrained {
                 let mass = masses.mass.read::<T, I>(plane, 0, node);

@@ -267,7 +267,7 @@ impl<'a, T: Real> Setup<'a, T> {
         motions: &[Option<RigidMotion<T>>],
     ) -> Result<(), SimError> {
         engine
-            .sweep(&self.context, motions)
+            .sweep(&self.context, motions, self.decay(state))
             .map_err(|cause| self.stop(state, cause))?;
         if state % CHECK_EVERY == 1 || state == self.steps {
             let cell_per_step = self.scene.grid.spacing_m / self.context.dt_s;

@@ -59,6 +59,12 @@ pub struct StepContext<'a, T> {
     pub section: usize,
 }
 
+/// Time in which nodes forget motions that particles do not carry, s: what of a velocity field is not
+/// affine around a particle is not resisted as it should be, and in compressed rope it grows. Measured on a
+/// rope of 0.23 m and 0.9 MPa that hangs from a level clamp, on 3 cells: without forgetting its tip creeps by
+/// 20 mm within a second after it has come to rest.
+const FORGET_S: f64 = 1e-3;
+
 impl<'a, T: Real> StepContext<'a, T> {
     /// For a scene whose slices have `section` particles.
     pub fn new(scene: &Scene, physics: &'a Physics<T>, dt_s: f64, section: usize) -> Self {
@@ -72,6 +78,11 @@ impl<'a, T: Real> StepContext<'a, T> {
             table_m: scene.table.map(|table| table.height_m),
             section,
         }
+    }
+
+    /// Share of a node's velocity that is replaced in a step by what its particles carry.
+    pub fn forgotten(&self) -> f64 {
+        -libm::expm1(-self.dt_s / FORGET_S)
     }
 
     /// Stiffness of a clamp's spring over its particle's mass, 1/s².
@@ -91,13 +102,14 @@ pub fn step<T: Real>(
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
-    particles_to_grid(particles, material, grid, context, motions)?;
+    particles_to_grid(particles, material, grid, context, motions, decay)?;
     update_nodes(grid, context, decay);
     grid_to_particles(particles, grid, context.dt_s);
     Ok(())
 }
 
-/// The first part of a step: sums up at the nodes what the particles, clamps and table give.
+/// The first part of a step: sums up at the nodes what the particles, clamps and table give. `decay` is that
+/// of the step.
 #[inline(always)]
 pub fn particles_to_grid<T: Real>(
     particles: &[Particle<T>],
@@ -105,11 +117,14 @@ pub fn particles_to_grid<T: Real>(
     grid: &mut Grid<T>,
     context: &StepContext<T>,
     motions: &[Option<RigidMotion<T>>],
+    decay: f64,
 ) -> Result<(), Cause> {
+    let carried = decay * context.forgotten();
     grid.clear();
     material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
-        let field = impulse_field(particle, material, context, grid.spacing_m, index)?;
+        let mut field = impulse_field(particle, material, context, grid.spacing_m, index)?;
+        add_momentum(particle, carried, &mut field);
         scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.impulses);
         if let Some((stiffness, velocity)) = clamp_target(particle, motions, context) {
             scatter_clamp(index, stiffness, velocity, grid);
@@ -160,6 +175,16 @@ fn impulse_field<T: Real>(
         at_particle,
         slope: std::array::from_fn(|a| scaled(add(pk1[a], viscous[a]), stress_scale)),
     })
+}
+
+/// Adds a share of a particle's momentum, of the affine field m (v + Ḟ d) (Jiang et al. 2015).
+#[inline(always)]
+fn add_momentum<T: Real>(particle: &Particle<T>, share: f64, field: &mut ImpulseField<T>) {
+    let mass = particle.mass_kg.scale(share);
+    field.at_particle = add(field.at_particle, mul(particle.velocity_m_s, mass));
+    for a in 0..3 {
+        field.slope[a] = add(field.slope[a], mul(particle.deformation_rate[a], mass));
+    }
 }
 
 /// Sum of the force laws, N.
@@ -305,9 +330,10 @@ pub(super) fn asked_of_slice<T: Real>(
 #[inline(always)]
 pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
+    let kept = decay * (1.0 - context.forgotten());
     for index in 0..grid.velocities_m_s.len() {
         let change = mul(T::unpack(grid.impulses[index]), grid.inverse_mass[index]);
-        let kept = scaled(T::unpack(grid.velocities_m_s[index]), decay);
+        let kept = scaled(T::unpack(grid.velocities_m_s[index]), kept);
         let mut velocity = add(add(kept, change), fall);
         if grid.constrained {
             let mass = grid.mass_kg[index];
@@ -448,7 +474,7 @@ mod tests {
             }
             let mut particles = still.clone();
             grid_to_particles(&mut particles, &grid, 1.0);
-            particles_to_grid(&particles, &mut material, &mut grid, &context, &[]).unwrap();
+            particles_to_grid(&particles, &mut material, &mut grid, &context, &[], 0.0).unwrap();
             for (v, (&impulse, &mass)) in field.iter_mut().zip(grid.impulses.iter().zip(&grid.mass_kg)) {
                 *v = scaled(f64::unpack(impulse), -1.0 / mass);
             }

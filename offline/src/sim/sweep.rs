@@ -64,6 +64,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
             mu: T::Plain::<I>::splat(lame.mu.channel(k)),
             lambda: T::Plain::<I>::splat(lame.lambda.channel(k)),
         };
+        let tangents = |m: &T| (1..T::CHANNELS).any(|k| m.channel(k).value() != 0.0);
         let per_cell = Lame {
             mu: context.viscosity.mu.scale(1.0 / dx),
             lambda: context.viscosity.lambda.scale(1.0 / dx),
@@ -85,6 +86,8 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
                 lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),
                 viscosity: (0..T::CHANNELS).map(|k| moduli(&per_cell, k)).collect(),
                 clamp_stiffness: context.clamp_stiffness,
+                carried: 0.0,
+                masses_vary: masses.iter().any(tangents),
                 impulse: rows(3),
                 velocity: rows(3),
                 contact: rows(CONTACT_ROWS),
@@ -104,12 +107,14 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     }
 
     /// Completes the last step and sums up the next at the nodes. `motions` holds the motion of each
-    /// closed grip at the end of the next step.
+    /// closed grip at the end of the next step, `decay` multiplies every velocity in it.
     pub fn sweep(
         &mut self,
         context: &StepContext<T>,
         motions: &[Option<RigidMotion<T>>],
+        decay: f64,
     ) -> Result<(), Cause> {
+        self.blocks.carried = decay * context.forgotten();
         for block in 0..self.blocks.transfer.blocks() {
             self.part(block, &Part::Move(block))?;
             if let Some(laws) = &self.laws {
@@ -187,7 +192,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         let what = Update {
             fall_m_s: physics.gravity_m_s2.map(|g| g.scale(context.dt_s)),
             friction: physics.friction,
-            decay,
+            kept: decay * (1.0 - context.forgotten()),
         };
         update::<T, I>(&mut self.blocks, &self.masses, &what);
     }

@@ -7,7 +7,7 @@ use crate::sim::material::Material;
 use crate::sim::real::Real;
 use crate::sim::rollout::{grip_motions, initial_particles, masses_kg, mouths, time_step_s};
 use crate::sim::rope::RopeLayout;
-use crate::sim::step::{Particle, StepContext, step};
+use crate::sim::step::{Particle, StepContext, grid_to_particles, step};
 use crate::sim::{Physics, Scene, SimError};
 use nalgebra::{Matrix3, Vector3};
 
@@ -64,6 +64,7 @@ impl<'a> Stepper<'a> {
         for (node, at) in self.grid.velocities_m_s.iter_mut().zip(&self.nodes_m) {
             *node = f64::pack((velocity + gradient * (at - centre)).into());
         }
+        grid_to_particles(&mut self.particles, &self.grid, 0.0);
     }
 
     /// Turns the rope about the world's origin as it moves and is strained, then shifts it.
@@ -78,6 +79,7 @@ impl<'a> Stepper<'a> {
         for node in &mut self.grid.velocities_m_s {
             *node = f64::pack((turn * Vector3::from(f64::unpack(*node))).into());
         }
+        grid_to_particles(&mut self.particles, &self.grid, 0.0);
     }
 
     /// Gives the rope a velocity field over the material coordinates (s, side, up), itself along the axes
@@ -86,6 +88,7 @@ impl<'a> Stepper<'a> {
         for (node, at) in self.grid.velocities_m_s.iter_mut().zip(&self.nodes_material_m) {
             *node = f64::pack((self.straight * field(*at)).into());
         }
+        grid_to_particles(&mut self.particles, &self.grid, 0.0);
     }
 
     /// Time, s.

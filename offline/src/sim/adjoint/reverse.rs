@@ -219,8 +219,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             .springs(&motions)
             .map_err(|cause| self.setup.stop(number, cause))?;
         self.spread();
-        self.nodes(velocities, self.setup.decay(number));
-        self.particles(number);
+        let (decay, forgotten) = (self.setup.decay(number), self.setup.context.forgotten());
+        self.nodes(velocities, decay * (1.0 - forgotten));
+        self.particles(number, decay * forgotten);
         if self.engine.blocks.constrained.iter().any(|&c| c) {
             self.clamps(&motions, number);
             self.contact();
@@ -326,9 +327,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         self.node_mass_bars[at(1, 0)] += (free.mass + bar.mass).value();
     }
 
-    /// Transpose of the transfer to the grid, then what made the impulses.
+    /// Transpose of the transfer to the grid, then what made the impulses; `carried` is the share of the
+    /// particles' momenta in them.
     #[inline(always)]
-    fn particles(&mut self, number: usize) {
+    fn particles(&mut self, number: usize, carried: f64) {
         let (members, context) = (self.members(), &self.setup.context);
         let (quarter, dt) = (F::Plain::<I>::of(0.25), F::Plain::<I>::of(context.dt_s));
         let lawful = has_laws(self.vars.context.physics);
@@ -359,11 +361,13 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                     lame[k] += elastic.lame[k];
                     viscosity[k] += viscous.viscosity[k];
                 }
-                bar.velocity = [F::Plain::<I>::zero(); 3];
-                bar.rate = viscous.rate;
+                let mass = body.mass_kg.scale(carried);
+                let lever = mass * quarter;
                 for a in 0..3 {
                     force[a] += impulse[a];
+                    bar.velocity[a] = impulse[a] * mass;
                     for b in 0..3 {
+                        bar.rate[a][b] = change[a][b].times_plus(lever, viscous.rate[a][b]);
                         bar.deformation_gradient[a][b] +=
                             elastic.deformation_gradient[a][b] + viscous.deformation_gradient[a][b];
                     }
@@ -375,6 +379,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                     };
                     let state = (body, &self.rates[index]);
                     pull_back_laws::<F, I>(self.session, self.vars, (block, member), state, &wanted, bar);
+                }
+                if self.weighed {
+                    self.weigh((block, member), &impulse, &change, carried);
                 }
             }
             if pushed {
@@ -396,6 +403,26 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 self.mass_bars[(first + lane) * self.setup.context.section + member] += value.value();
             }
         }
+    }
+
+    /// Derivative with respect to the masses whose momentum is `carried` over.
+    fn weigh(
+        &mut self,
+        (block, member): (usize, usize),
+        impulse: &Vec3<F::Plain<I>>,
+        change: &Mat3<F::Plain<I>>,
+        carried: f64,
+    ) {
+        let index = block * self.members() + member;
+        let (velocity, rate) = (self.engine.blocks.bodies[index].velocity_m_s, self.rates[index]);
+        let mut sum = F::Plain::<I>::zero();
+        for a in 0..3 {
+            sum = impulse[a].times_plus(velocity[a], sum);
+            for b in 0..3 {
+                sum = change[a][b].times_plus(rate[a][b].scale(0.25), sum);
+            }
+        }
+        self.add_to_masses(block, member, sum.scale(carried));
     }
 
     /// Derivative with respect to the force field; `impulse` is summed over the members of the slices.
