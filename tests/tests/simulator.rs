@@ -3,6 +3,7 @@
 
 use offline::sim::clamp::ClampPath;
 use offline::sim::lanes::Laned;
+use offline::sim::scene::StepLength;
 use offline::sim::{Dual, Physics, Rollout, simulate};
 use offline::verify::misses::MISSES;
 use offline::verify::setup::{SOFT_PA, knot, rope, scene, start_grip};
@@ -53,6 +54,8 @@ fn lift_at<T: Laned>(theta: [T; 3]) -> Rollout<T> {
     let grips = start_grip(0.02, path);
     let mut scene = scene(rope(0.2, 0.014), [1.0, 0.0, 0.0], grips, Some(-0.007), 1.5, 0.4).unwrap();
     scene.frame_times_s = vec![0.1, 0.2, 0.3, 0.4];
+    // Differences must not change the step.
+    scene.step = StepLength::Fixed(1e-4);
     simulate(&scene, &Physics::base(theta[0].exp(), theta[1], theta[2])).unwrap()
 }
 

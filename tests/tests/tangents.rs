@@ -73,7 +73,7 @@ fn tangents_of_a_lift_are_slopes() {
 
 #[test]
 fn tangents_of_a_carried_and_dropped_rope_are_slopes() {
-    compare("free", &free(), &everything(&free()), 1e-5);
+    compare("free", &free(), &everything(&free()), 1e-6);
 }
 
 #[test]

@@ -75,6 +75,13 @@ impl<T: Real> Material<T> {
         material
     }
 
+    /// Least volume of a particle's shape at rest over its undeformed one: not positive where the shape at
+    /// rest is bent so much that the inner side of the rope would turn inside out.
+    pub fn least_rest_volume(&self) -> f64 {
+        let volumes = self.natural_inverse.iter().map(|a| 1.0 / det(a).value());
+        volumes.fold(f64::INFINITY, f64::min)
+    }
+
     /// Largest bending stiffness, at least one: it bounds the time step as the modulus does.
     pub fn largest_bending(&self) -> f64 {
         self.bending.iter().map(|c| c.value()).fold(1.0, f64::max)

@@ -184,6 +184,10 @@ impl<'a, T: Real> Setup<'a, T> {
         let late_s = (-physics.clock_offset_s().value()).max(0.0);
         // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
+        if !physics.shape_laws.is_empty() {
+            let rest = Material::new(physics, &layout, &mouths(scene)).least_rest_volume();
+            require_rest_volume(rest)?;
+        }
         let masses_kg = masses_kg(scene, physics, &layout);
         let context = StepContext::new(scene, physics, dt_s, layout.section_m.len());
         let share = 1.0 / context.section as f64;
@@ -346,32 +350,40 @@ pub fn mouths(scene: &Scene) -> Vec<Mouth> {
     scene.grips.iter().zip(scene.edges_m()).map(mouth).collect()
 }
 
-/// The time step of a scene with all laws of a physics, s. A piece that is lighter than the rope as
-/// declared counts as that much stiffer, because wave speed and diffusivity go with their ratio.
+/// The time step of a scene with all laws of a physics, s.
 pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    time_step(scene, physics).value()
+}
+
+/// The same with its derivative. A piece that is lighter than the rope as declared counts as that much
+/// stiffer, because wave speed and diffusivity go with their ratio.
+pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let lame = physics.lame();
-    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
-    let lame_values = Lame {
-        mu: lame.mu.value(),
-        lambda: lame.lambda.value(),
-    };
     // A stiffness of another kind counts with the factor of λ, the larger.
     let stiff = |modulus_pa: f64| {
         fastest_pa(&Lame {
-            mu: 0.0,
-            lambda: modulus_pa,
+            mu: T::zero(),
+            lambda: T::of(modulus_pa),
         })
     };
-    let elastic = fastest_pa(&lame_values) * stiffest_bending(scene, physics) + stiff(stiffening);
+    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
+    let elastic = fastest_pa(&lame).scale(stiffest_bending(scene, physics)) + stiff(stiffening);
     let lightness = lightness(scene, physics);
     let of_memory = |f: fn(&dyn MemoryLaw<T>, &Lame<T>) -> f64| -> f64 {
         physics.memory_laws.iter().map(|law| f(law.as_ref(), &lame)).sum()
     };
     let viscosity = of_memory(|law, lame| law.viscosity_pa_s(lame));
     let quick = of_memory(|law, lame| law.modulus_pa(lame));
-    let retardation_s = physics.retardation_s(&scene.rope).value();
-    let slow = scene.time_step_s(elastic * lightness, viscosity * lightness, retardation_s);
-    slow.max(scene.time_step_s((elastic + stiff(quick)) * lightness, 0.0, retardation_s))
+    let retardation_s = physics.retardation_s(&scene.rope);
+    let of = |fastest_pa: T, viscosity_pa_s: f64| {
+        scene.time_step_s(
+            fastest_pa.scale(lightness),
+            viscosity_pa_s * lightness,
+            retardation_s,
+        )
+    };
+    let (slow, fast) = (of(elastic, viscosity), of(elastic + stiff(quick), 0.0));
+    T::select(slow.exceeds(fast), slow, fast)
 }
 
 /// Declared density over the least that the laws leave, at least one.
@@ -414,6 +426,18 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
         }
     }
     Ok(())
+}
+
+/// Least volume of a shape at rest over the undeformed one: a rope bent further has no inner side left, and
+/// what is left of it would need steps far shorter than the rest.
+const LEAST_REST_VOLUME: f64 = 0.2;
+
+fn require_rest_volume(value: f64) -> Result<(), SimError> {
+    if value > LEAST_REST_VOLUME {
+        return Ok(());
+    }
+    let name = "volume of the shape at rest";
+    Err(SimError::at_start(Cause::BadParameter { name, value }))
 }
 
 /// Steps between two looks for runaway particles.

@@ -18,7 +18,7 @@ use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::physics::{ForcePoint, Physics, StressPoint};
 use super::real::{Arithmetic, Real};
-use super::rollout::{grip_motions, masses_kg, time_step_s};
+use super::rollout::{grip_motions, masses_kg, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, dot, matmul, mul, scaled, sub, transpose_inverse, zero3};
@@ -69,7 +69,7 @@ pub struct Statics<'a, T: Real> {
     masses_kg: Vec<T>,
     lame: Lame<T>,
     /// Stiffness of the clamps' springs per mass, 1/s²: κ/dt² of the rollout.
-    clamp_per_kg: f64,
+    clamp_per_kg: T,
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
@@ -86,7 +86,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
-        let dt_s = time_step_s(scene, physics);
+        let dt_s = time_step(scene, physics);
         let mut statics = Self {
             scene,
             physics,
@@ -94,7 +94,7 @@ impl<'a, T: Real> Statics<'a, T> {
             grid,
             masses_kg,
             lame,
-            clamp_per_kg: scene.clamp_stiffness() / (dt_s * dt_s),
+            clamp_per_kg: T::of(scene.clamp_stiffness()) / (dt_s * dt_s),
             place: Vec::new(),
             band: 0,
         };
@@ -209,7 +209,7 @@ impl<'a, T: Real> Statics<'a, T> {
         for (p, target) in self.held(pose.t_s).into_iter().enumerate() {
             let grip = self.scene.grip_offset(self.layout.material_m(p));
             if let (Some(target), Some((grip, _))) = (target, grip) {
-                let spring = self.masses_kg[p].scale(self.clamp_per_kg);
+                let spring = self.masses_kg[p] * self.clamp_per_kg;
                 let gap = sub(target, self.particle(nodes, p).0);
                 forces[grip] = add(forces[grip], mul(gap, spring));
             }
@@ -265,7 +265,7 @@ impl<'a, T: Real> Statics<'a, T> {
             let volume = self.layout.particle_volume_m3(p);
             let mut body = add(mul(self.physics.gravity_m_s2, mass), self.law_force(p, x, &f));
             if let Some(target) = held[p] {
-                let spring = mass.scale(self.clamp_per_kg);
+                let spring = mass * self.clamp_per_kg;
                 body = add(body, mul(sub(target, x), spring));
             }
             for entry in 0..STENCIL {
@@ -376,7 +376,7 @@ impl<'a, T: Real> Statics<'a, T> {
             let (_, f) = self.particle(nodes, p);
             let slope = stress_slope(&f.map(|row| row.map(T::value)), &lame);
             let volume = self.layout.particle_volume_m3(p);
-            let spring = held[p].map_or(0.0, |_| self.masses_kg[p].value() * self.clamp_per_kg);
+            let spring = held[p].map_or(0.0, |_| (self.masses_kg[p] * self.clamp_per_kg).value());
             let gradient: [[f64; 3]; STENCIL] =
                 std::array::from_fn(|entry| self.offset(p, entry).map(|d| d * scale * link.weights[entry]));
             let at = link.slots.map(|slot| 3 * self.place[slot as usize]);

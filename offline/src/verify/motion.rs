@@ -11,10 +11,11 @@ use nalgebra::{Matrix3, Vector3};
 const FAMILY: Of = Of("motion");
 /// Rounding of some thousand steps of numbers of order one.
 const MACHINE: f64 = 1e-12;
-/// The transfer keeps angular momentum but for products of strains that vary within a cell.
+/// What carries velocities through the particles keeps angular momentum but for products of strains that vary
+/// within a cell.
 const ANGULAR: f64 = 0.01;
-/// Energy that the transfer may take from the first bending mode per period; ζ is then below 0.4 %, a
-/// tenth of what ropes have.
+/// Energy that forgetting what particles do not carry may take from the first bending mode per period; ζ
+/// is then below 0.4 %, a tenth of what ropes have.
 const LOSS_PER_PERIOD: f64 = 0.05;
 
 pub(super) fn verify(extent: Extent) -> Findings {

@@ -30,6 +30,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 const FAMILY: Of = Of("random");
 /// Steps times particles of one scene: some hundred to some thousand steps.
 pub const PARTICLE_STEPS: f64 = 2e5;
+/// A camera's clock that is behind prolongs a rollout, at most by so many times that.
+const LATE_BUDGETS: f64 = 20.0;
 /// Fewest steps of one scene.
 const FEWEST_STEPS: f64 = 32.0;
 /// Largest length over diameter.
@@ -286,6 +288,16 @@ fn play(mut scene: Scene, physics: &Physics<f32>) -> Outcome {
             scene.frame_times_s.push(scene.duration_s);
         }
         scene.score_from_s = scene.score_from_s.min(scene.duration_s);
+    }
+    let late_s = f64::from(-physics.clock_offset_s()).max(0.0);
+    if late_s / time_step_s(&scene, physics) * particles > LATE_BUDGETS * PARTICLE_STEPS {
+        return Outcome {
+            kind: "not run: the camera sees a rope of tiny steps too late",
+            message: String::new(),
+            steps: 0,
+            whole: false,
+            released: false,
+        };
     }
     let released = scene
         .grips
