@@ -14,6 +14,7 @@ pub mod clock;
 pub mod constants;
 pub mod cycle;
 pub mod guard;
+pub mod interface;
 pub mod motion;
 pub mod plan;
 pub mod policy_file;

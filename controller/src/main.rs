@@ -270,7 +270,7 @@ fn run_bench(
     }
     println!("parts of an answer");
     let parts = &report.parts;
-    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
+    let line = |name: &str, times: &Percentiles| println!("  {name:<17}{times}");
     line("policy", &parts.policy);
     line("ik, middle", &parts.ik_from_middle);
     line("ik, on a line", &parts.ik_along_line);
@@ -284,17 +284,18 @@ fn print_loop(load: &str, report: &LoopReport) {
         "{load}: {} cycles, {} missed, {}",
         report.turn.count, report.missed, report.cost
     );
-    let line = |name: &str, times: &Percentiles| println!("  {name:<15}{times}");
+    let line = |name: &str, times: &Percentiles| println!("  {name:<17}{times}");
     line("wake-up late", &report.wake);
     if let (Some(other), Some(ratio)) = (&report.cyclictest, report.wake_p99_ratio) {
         line("cyclictest", other);
-        println!("  {:<15}{ratio:.2} times cyclictest's p99", "ratio");
+        println!("  {:<17}{ratio:.2} times cyclictest's p99", "ratio");
     }
+    line("turn begins late", &report.start);
     line("period jitter", &report.jitter);
     line("turn", &report.turn);
     line("with a goal", &report.answer);
     line("goal to target", &report.goal_to_first_target);
-    println!("  {:<15}{} goals", "", report.goal_to_first_target.count);
+    println!("  {:<17}{} goals", "", report.goal_to_first_target.count);
 }
 
 fn replay(file: &Path, as_json: bool) -> Result<()> {

@@ -256,6 +256,7 @@ fn summarise(timing: &Timing, last: &Status) {
         timing.cost()
     );
     eprintln!("controller: wake-up {}", timing.wake());
+    eprintln!("controller: begins  {} late", timing.start());
     eprintln!("controller: turn    {}", timing.turn());
     eprintln!(
         "controller: of these, turns that judged a goal {}",

@@ -60,12 +60,14 @@ pub struct Report {
 pub struct LoopReport {
     /// Cycles missed.
     pub missed: u64,
-    /// How late the loop woke.
+    /// How late the loop woke after the instant that it asked for, a little before a turn is due.
     pub wake: Percentiles,
     /// How late cyclictest woke.
     pub cyclictest: Option<Percentiles>,
     /// The loop's 99th percentile over cyclictest's.
     pub wake_p99_ratio: Option<f64>,
+    /// How late turns began.
+    pub start: Percentiles,
     /// Deviation of the time between two turns from the nominal period.
     pub jitter: Percentiles,
     /// How long a turn took, planning of goals included.
@@ -174,6 +176,7 @@ impl Noted {
             wake,
             cyclictest,
             wake_p99_ratio: cyclictest.map(|other| wake.p99_ns as f64 / other.p99_ns as f64),
+            start: self.timing.start(),
             jitter: self.timing.jitter(),
             turn: self.timing.turn(),
             answer: self.timing.answer(),
@@ -187,6 +190,7 @@ fn write_histograms(folder: &Path, load: &str, noted: &Noted) -> Result<()> {
     let timing = &noted.timing;
     let mut tables = vec![
         ("wake", timing.wake_histogram()),
+        ("start", timing.start_histogram()),
         ("jitter", timing.jitter_histogram()),
         ("turn", timing.turn_histogram()),
         ("goal-to-first-target", timing.goal_histogram()),
