@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn it_rests_except_around_the_start_of_a_cycle() {
-        let cycle_ns = 100_000_000;
+        let cycle_ns = 100_000_000u64;
         let after = |us: i64| cycle_ns.wrapping_add_signed(us * 1000);
         let rest = |us: i64| rest_until_ns(after(us), cycle_ns, false);
         let (lead, lag, pause) = (

@@ -230,9 +230,12 @@ impl Controller {
         }
     }
 
-    /// Whether the arm's driver reports states but has not read targets for as long as silence may last.
+    /// Whether the arm's driver reports states but has not read targets for as long as silence may last, or
+    /// claims to have read one that was never sent.
     fn targets_unread(&self) -> bool {
-        let unread = self.targets_sent.saturating_sub(self.robot.target_seq);
+        let Some(unread) = self.targets_sent.checked_sub(self.robot.target_seq) else {
+            return true;
+        };
         unread * u64::from(self.setup.cycles_per_target) > self.setup.silent_cycles_max
     }
 
