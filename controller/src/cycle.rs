@@ -208,7 +208,7 @@ impl<'a> Cycle<'a> {
                 done_ns,
             });
             if let Some(sent_ns) = self.first_served_ns(&output) {
-                timing.note_goal(sent_ns, done_ns);
+                timing.note_goal(sent_ns, done_ns, self.controller.period_ns());
             }
             if self.judged {
                 timing.note_answer(began_ns, done_ns);

@@ -295,7 +295,10 @@ fn print_loop(load: &str, report: &LoopReport) {
     line("turn", &report.turn);
     line("with a goal", &report.answer);
     line("goal to target", &report.goal_to_first_target);
-    println!("  {:<17}{} goals", "", report.goal_to_first_target.count);
+    println!(
+        "  {:<17}{} goals, {} of them waited longer than a period",
+        "", report.goal_to_first_target.count, report.goals_beyond_period
+    );
 }
 
 fn replay(file: &Path, as_json: bool) -> Result<()> {

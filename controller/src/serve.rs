@@ -262,7 +262,11 @@ fn summarise(timing: &Timing, last: &Status) {
         "controller: of these, turns that judged a goal {}",
         timing.answer()
     );
-    eprintln!("controller: goal to first target {}", timing.goal());
+    eprintln!(
+        "controller: goal to first target {}; {} waited longer than a period",
+        timing.goal(),
+        timing.goals_beyond_period()
+    );
 }
 
 #[cfg(test)]

@@ -115,9 +115,9 @@ impl Controller {
         }
     }
 
-    /// Seconds between two targets.
-    pub fn period_s(&self) -> f64 {
-        self.period_s
+    /// Time between two targets, ns.
+    pub fn period_ns(&self) -> u64 {
+        self.setup.cycle_ns * u64::from(self.setup.cycles_per_target)
     }
 
     /// One cycle. `now_ns` is the instant on the loop's grid that the cycle belongs to.

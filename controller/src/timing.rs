@@ -32,6 +32,7 @@ pub struct Timing {
     jitter_ns: Histogram<u64>,
     goal_ns: Histogram<u64>,
     answer_ns: Histogram<u64>,
+    goals_beyond_period: u64,
     last: Option<Stations>,
     cost: Cost,
 }
@@ -158,6 +159,7 @@ impl Default for Timing {
             jitter_ns: histogram(),
             goal_ns: histogram(),
             answer_ns: histogram(),
+            goals_beyond_period: 0,
             last: None,
             cost: Cost::default(),
         }
@@ -186,9 +188,12 @@ impl Timing {
         self.answer_ns.saturating_record(done_ns.saturating_sub(began_ns));
     }
 
-    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`.
-    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64) {
-        self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
+    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`; targets are `period_ns`
+    /// apart.
+    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64, period_ns: u64) {
+        let took_ns = done_ns.saturating_sub(sent_ns);
+        self.goal_ns.saturating_record(took_ns);
+        self.goals_beyond_period += u64::from(took_ns > period_ns);
     }
 
     /// Notes what the loop cost.
@@ -215,6 +220,7 @@ impl Timing {
         for (mine, theirs) in pairs {
             mine.add(theirs).expect("all have the same bounds");
         }
+        self.goals_beyond_period += other.goals_beyond_period;
         self.cost = self.cost.plus(other.cost);
     }
 
@@ -273,6 +279,11 @@ impl Timing {
         (&self.goal_ns).into()
     }
 
+    /// Goals whose first target came later than one period of the targets.
+    pub fn goals_beyond_period(&self) -> u64 {
+        self.goals_beyond_period
+    }
+
     /// Time from a goal's stamp to its first target, in full.
     pub fn goal_histogram(&self) -> &Histogram<u64> {
         &self.goal_ns
@@ -295,13 +306,15 @@ mod tests {
                 done_ns,
             });
         }
-        timing.note_goal(500, 900);
+        timing.note_goal(500, 900, 400);
+        assert_eq!(timing.goals_beyond_period(), 0);
+        timing.note_goal(500, 901, 400);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
         assert_eq!(timing.start().max_ns, 1);
         assert_eq!(timing.period().max_ns, 999);
         assert_eq!(timing.jitter().max_ns, 1);
-        assert_eq!(timing.goal().p50_ns, 400);
+        assert_eq!((timing.goal().p50_ns, timing.goals_beyond_period()), (400, 1));
         let mut both = Timing::default();
         both.add(&timing);
         both.add(&timing);

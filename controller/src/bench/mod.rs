@@ -76,6 +76,8 @@ pub struct LoopReport {
     pub answer: Percentiles,
     /// From a client's goal to its first target, through iceoryx2 and the bridge.
     pub goal_to_first_target: Percentiles,
+    /// Goals among them that waited longer than one period of the targets.
+    pub goals_beyond_period: u64,
     /// What the loop asked for besides time.
     pub cost: Cost,
 }
@@ -181,6 +183,7 @@ impl Noted {
             turn: self.timing.turn(),
             answer: self.timing.answer(),
             goal_to_first_target: self.timing.goal(),
+            goals_beyond_period: self.timing.goals_beyond_period(),
             cost: self.timing.cost(),
         }
     }
