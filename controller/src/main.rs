@@ -8,7 +8,7 @@ use controller::policy_file;
 use controller::program;
 use controller::recorder;
 use controller::serve::{self, Options, Rate};
-use controller::session::DEFAULT_INSTANCE;
+use controller::session::{DEFAULT_INSTANCE, Instance, SessionError};
 use controller::step::{Controller, Setup};
 use controller::timing::Percentiles;
 use controller::{allocations, bench, motion, rt, sample};
@@ -53,7 +53,7 @@ struct ServeArgs {
     #[arg(long)]
     dry_run: bool,
     /// Name that clients connect by
-    #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE)]
+    #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE, value_parser = instance)]
     instance: String,
     /// Silence of the arm, ms, after which a motion is stopped (20 to 2000)
     #[arg(long, value_name = "MS", default_value_t = ROBOT_TIMEOUT_DEFAULT_MS, value_parser = timeout)]
@@ -130,6 +130,10 @@ fn finite(text: &str) -> Result<f64, String> {
         Ok(value) if value.is_finite() => Ok(value),
         _ => Err("not a finite number".to_string()),
     }
+}
+
+fn instance(text: &str) -> Result<String, SessionError> {
+    Instance::new(text).map(|instance| instance.name().to_string())
 }
 
 fn timeout(text: &str) -> Result<u64, String> {

@@ -91,6 +91,10 @@ struct Noted {
 
 /// Runs the loop with a bridge, a perfect arm and a client under both loads, then times the parts.
 pub fn run(settings: &Settings) -> Result<Report> {
+    // Before the measurement, which takes its time, and not after it.
+    if let Some(folder) = settings.histograms {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
     let _awake = rt::keep_processors_awake();
     let processors = rt::processors();
     let mut missing = None;
@@ -101,7 +105,6 @@ pub fn run(settings: &Settings) -> Result<Report> {
         others => Some(saturated(others, || measure(settings, &mut missing))?),
     };
     if let Some(folder) = settings.histograms {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         write_histograms(folder, "idle", &idle)?;
         if let Some(saturated) = &saturated {
             write_histograms(folder, "saturated", saturated)?;
