@@ -195,7 +195,7 @@ impl<'a> Cycle<'a> {
             let asked_ns = due_ns - EARLY_US * 1000;
             clock::sleep_until(asked_ns);
             let woke_ns = clock::now_ns();
-            let began_ns = self.prepare_until(due_ns, plan_ns);
+            let began_ns = self.prepare_until(due_ns, plan_ns, timing);
             let served_ns = grid.serve(began_ns);
             let output = self.turn(served_ns, grid.missed(), write);
             self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Release);
@@ -233,8 +233,9 @@ impl<'a> Cycle<'a> {
     /// Waits for `due_ns` awake and returns the time then. Meanwhile plans for the goal that waits, or for a
     /// likely one, while that surely fits: what the turn needs is then in the caches, and neither a plan nor a
     /// wake-up delays it.
-    fn prepare_until(&mut self, due_ns: u64, plan_ns: u64) -> u64 {
+    fn prepare_until(&mut self, due_ns: u64, plan_ns: u64, timing: &mut Timing) -> u64 {
         let room_ns = plan_ns + COLD_US * 1000;
+        let mut cold = true;
         loop {
             let now_ns = clock::now_ns();
             if now_ns >= due_ns {
@@ -244,6 +245,9 @@ impl<'a> Cycle<'a> {
                 self.waiting = self.queues.goals.pop();
                 let goal = self.waiting.unwrap_or_else(|| self.controller.likely_goal());
                 self.controller.prepare(&goal);
+                if std::mem::take(&mut cold) {
+                    timing.note_plan(now_ns, clock::now_ns());
+                }
             }
         }
     }

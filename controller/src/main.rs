@@ -30,6 +30,21 @@ const EXAMPLES: &str = "Examples:
   controller fk 0 0.2 0 1 3.14159 1.3 0                     joints (rad) to flange (m)
   controller ik 0.1 0.15                                    release point (m) to joints (rad)";
 
+const BENCH_HELP: &str = "What is printed:
+  wake-up late      from the instant that the sleep was asked to end at, 150 us before a turn is due, until
+                    the loop is awake: what cyclictest measures too
+  plan ahead, cold  the first plan after a wake-up, made before the turn: what it saves a turn with a goal
+  turn begins late  from the instant that a turn is due until it begins
+  period jitter     how far the time between the starts of two turns is from the nominal one
+  turn              from the start of a turn until its target, status and record are out. What the loop did
+                    before, awake and ahead of time, is not in it
+  with a goal       those turns that judged a goal
+  goal to target    from a client's stamp on a goal, sent at instants spread evenly over the period, until
+                    its first target is out, through iceoryx2 and the bridge
+  parts             each part by itself, over and over, so with warm caches
+
+Example: controller bench --rate-hz 1000 --seconds 10 --histograms bench/";
+
 /// Swings the tip of a rope to a commanded place with an xArm7, in real time.
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
@@ -96,7 +111,7 @@ enum Command {
         json: bool,
     },
     /// Measure the loop's punctuality on this machine and the cost of its parts
-    #[command(after_help = "Example: controller bench --rate-hz 1000 --seconds 10 --histograms bench/")]
+    #[command(after_help = BENCH_HELP)]
     Bench {
         /// Use this policy; an untrained one otherwise
         #[arg(long, value_name = "FILE")]
@@ -294,6 +309,7 @@ fn print_loop(load: &str, report: &LoopReport) {
         line("cyclictest", other);
         println!("  {:<17}{ratio:.2} times cyclictest's p99", "ratio");
     }
+    line("plan ahead, cold", &report.plan_ahead);
     line("turn begins late", &report.start);
     line("period jitter", &report.jitter);
     line("turn", &report.turn);

@@ -26,6 +26,7 @@ pub struct Stations {
 /// Histograms of fixed size; recording does not allocate.
 pub struct Timing {
     wake_ns: Histogram<u64>,
+    plan_ns: Histogram<u64>,
     start_ns: Histogram<u64>,
     turn_ns: Histogram<u64>,
     period_ns: Histogram<u64>,
@@ -153,6 +154,7 @@ impl Default for Timing {
     fn default() -> Self {
         Self {
             wake_ns: histogram(),
+            plan_ns: histogram(),
             start_ns: histogram(),
             turn_ns: histogram(),
             period_ns: histogram(),
@@ -183,6 +185,11 @@ impl Timing {
         }
     }
 
+    /// Notes that the first plan that the loop made after it woke took from `from_ns` to `to_ns`.
+    pub fn note_plan(&mut self, from_ns: u64, to_ns: u64) {
+        self.plan_ns.saturating_record(to_ns.saturating_sub(from_ns));
+    }
+
     /// Notes that the turn from `began_ns` to `done_ns` judged a goal.
     pub fn note_answer(&mut self, began_ns: u64, done_ns: u64) {
         self.answer_ns.saturating_record(done_ns.saturating_sub(began_ns));
@@ -210,6 +217,7 @@ impl Timing {
     pub fn add(&mut self, other: &Self) {
         let pairs = [
             (&mut self.wake_ns, &other.wake_ns),
+            (&mut self.plan_ns, &other.plan_ns),
             (&mut self.start_ns, &other.start_ns),
             (&mut self.turn_ns, &other.turn_ns),
             (&mut self.period_ns, &other.period_ns),
@@ -222,6 +230,11 @@ impl Timing {
         }
         self.goals_beyond_period += other.goals_beyond_period;
         self.cost = self.cost.plus(other.cost);
+    }
+
+    /// How long the first plan after a wake-up took, whose caches are cold.
+    pub fn plan(&self) -> Percentiles {
+        (&self.plan_ns).into()
     }
 
     /// How late turns began.

@@ -195,7 +195,14 @@ fn the_benchmark_reports_every_figure_and_writes_histograms() {
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{words}");
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
-    for figure in ["wake", "jitter", "turn", "answer", "goal_to_first_target"] {
+    for figure in [
+        "wake",
+        "start",
+        "jitter",
+        "turn",
+        "answer",
+        "goal_to_first_target",
+    ] {
         assert!(
             report["idle"][figure]["count"].as_u64().expect("a count") > 0,
             "{figure}"

@@ -66,6 +66,9 @@ pub struct LoopReport {
     pub cyclictest: Option<Percentiles>,
     /// The loop's 99th percentile over cyclictest's.
     pub wake_p99_ratio: Option<f64>,
+    /// How long the first plan after a wake-up took, cold and before the turn: without it a goal's turn would
+    /// take that much longer.
+    pub plan_ahead: Percentiles,
     /// How late turns began.
     pub start: Percentiles,
     /// Deviation of the time between two turns from the nominal period.
@@ -181,6 +184,7 @@ impl Noted {
             wake,
             cyclictest,
             wake_p99_ratio: cyclictest.map(|other| wake.p99_ns as f64 / other.p99_ns as f64),
+            plan_ahead: self.timing.plan(),
             start: self.timing.start(),
             jitter: self.timing.jitter(),
             turn: self.timing.turn(),
