@@ -7,7 +7,7 @@ use shared::messages::{Command, Goal, JointTarget, RobotState, Status};
 pub struct Setup {
     /// The policy file.
     pub blob: Box<Blob>,
-    /// Time between two calls of [`Controller::step`], ns.
+    /// Time between two calls of [`crate::step::Controller::step`], ns.
     pub cycle_ns: u64,
     /// Cycles to one target.
     pub cycles_per_target: u32,
