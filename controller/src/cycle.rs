@@ -258,7 +258,7 @@ mod tests {
     use super::*;
     use crate::sample;
     use crate::step::Setup;
-    use shared::messages::{COMMAND_MAGIC, Phase};
+    use shared::messages::{COMMAND_MAGIC, GOAL_MAGIC, Phase};
 
     fn command(kind: CommandKind, id: u64) -> Command {
         Command {
@@ -293,6 +293,29 @@ mod tests {
         cycle.turn(8_000_000, 0, &mut |_| {});
         assert_eq!(cycle.controller.phase(), Phase::Stopping);
         assert!(queues.lost() > 900, "the flood is counted");
+    }
+
+    #[test]
+    fn a_goal_taken_ahead_is_judged_once_and_in_order() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        for id in [7, 8] {
+            let goal = Goal {
+                magic: GOAL_MAGIC,
+                id,
+                x_m: f64::NAN,
+                ..Goal::default()
+            };
+            queues.put(&queues.goals, goal);
+        }
+        let due_ns = clock::now_ns() + 5_000_000;
+        assert!(cycle.prepare_until(due_ns, 0, &mut Timing::default()) >= due_ns);
+        let judged: Vec<_> = (2..6)
+            .map(|k| cycle.turn(k * 4_000_000, 0, &mut |_| {}).status)
+            .map(|status| status.map(|status| (status.judged_goal_id, status.goals_refused)))
+            .collect();
+        assert_eq!(judged, [Some((7, 1)), Some((8, 2)), None, None]);
     }
 
     #[test]
