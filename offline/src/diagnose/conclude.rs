@@ -1,0 +1,137 @@
+//! What the rounds amount to: the verdict, and the reasons for caution.
+
+use super::gates::excess_removed;
+use super::rounds::Round;
+use super::verdict::{ReasonCode, Verdict};
+use crate::effects;
+use crate::fit::{Evaluation, FitResult, estimates};
+use crate::model::Structure;
+use crate::residual::ResidualSummary;
+
+/// Residual over noise at which nothing is left to explain.
+pub(super) const WHITE_FLOORS: f64 = 1.05;
+/// Share of the excess over the noise below which the effects found only stand in for something else.
+const EXPLAINED_SHARE: f64 = 0.7;
+
+/// What a verdict is made from.
+pub(super) struct Facts<'a> {
+    /// Effects of the final model.
+    pub structure: &'a Structure,
+    /// Base fit, with the noise as it was measured.
+    pub base: &'a ResidualSummary,
+    /// Final fit.
+    pub fitted: &'a FitResult,
+    /// Rounds in order.
+    pub rounds: &'a [Round],
+    /// Effects that fit as well as the last one found.
+    pub rivals: &'a [String],
+    /// Number of demonstrations that were fitted, and that were held out.
+    pub demos: [usize; 2],
+    /// Whether the noise was measured.
+    pub pure_error: bool,
+}
+
+/// The verdict and the reasons for caution.
+pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
+    let (structure, fitted, rounds) = (facts.structure, facts.fitted, facts.rounds);
+    let now = ResidualSummary::of(&fitted.best);
+    let mut reasons = Vec::new();
+    if !facts.pure_error {
+        reasons.push(ReasonCode::NoPureError);
+    }
+    if facts.demos[0] == 1 {
+        reasons.push(ReasonCode::OneDemonstration);
+    }
+    if facts.demos[1] == 0 {
+        reasons.push(ReasonCode::HeldOutInTime);
+    }
+    let excess_mm = (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt();
+    let numerical = rounds
+        .last()
+        .is_some_and(|r| excess_mm <= r.table.discretisation_mm);
+    let white = now.floors <= WHITE_FLOORS;
+    if !white {
+        reasons.push(if numerical {
+            ReasonCode::Numerical
+        } else {
+            ReasonCode::Partial
+        });
+    }
+    if structure.effects.is_empty() {
+        let nothing = white || numerical && rounds.last().is_some_and(|r| r.refits.is_empty());
+        let verdict = if nothing {
+            Verdict::NothingMissing
+        } else {
+            Verdict::Unexplained {
+                hint: hint(&fitted.best),
+            }
+        };
+        return (verdict, reasons);
+    }
+    let removed = excess_removed(facts.base, &now);
+    if removed < EXPLAINED_SHARE {
+        reasons.push(ReasonCode::ProxySuspected);
+        return (stand_in(structure, &fitted.best, removed), reasons);
+    }
+    (explained(structure, fitted, facts.rivals), reasons)
+}
+
+fn names(structure: &Structure) -> Vec<String> {
+    let id = |&e: &usize| effects::ALL[e].id.to_owned();
+    structure.effects.iter().map(id).collect()
+}
+
+/// Effects that leave so much unexplained are stand-ins, not causes.
+fn stand_in(structure: &Structure, evaluation: &Evaluation, removed: f64) -> Verdict {
+    Verdict::Unexplained {
+        hint: format!(
+            "{} would take away {:.0} % of the excess over the noise, too little to be the cause; {}",
+            names(structure).join(" and "),
+            100.0 * removed,
+            hint(evaluation)
+        ),
+    }
+}
+
+fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Verdict {
+    let mut effects_found = names(structure);
+    if !rivals.is_empty() {
+        // Earlier effects stand; only the last one has rivals.
+        let mut alike = effects_found.split_off(effects_found.len() - 1);
+        alike.extend(rivals.iter().cloned());
+        return Verdict::Confounded {
+            effects: alike,
+            separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
+                                       rope gripped at its other end, changes their ratio"
+                .into(),
+        };
+    }
+    let all = estimates(&fitted.best, structure);
+    Verdict::Explained {
+        effects: effects_found,
+        parameters: all[2..].to_vec(),
+    }
+}
+
+/// Where and when the residual is largest.
+fn hint(evaluation: &Evaluation) -> String {
+    let largest = evaluation
+        .rows
+        .iter()
+        .enumerate()
+        .flat_map(|(d, rows)| rows.iter().map(move |r| (d, r)))
+        .max_by(|a, b| a.1.offset_m.abs().total_cmp(&b.1.offset_m.abs()));
+    match largest {
+        Some((demo, row)) => format!(
+            "the largest offset, {:.1} mm along ({:.1}, {:.1}, {:.1}), is at s = {:.3} m in frame {} of demonstration {}",
+            1e3 * row.offset_m,
+            row.direction[0],
+            row.direction[1],
+            row.direction[2],
+            row.arc_m,
+            row.frame,
+            demo + 1
+        ),
+        None => "nothing was measured".into(),
+    }
+}
