@@ -40,19 +40,20 @@ fn repertoire_file(out: &Path, world: &str) -> PathBuf {
 }
 
 /// Plays everything that the matrix asks of a reality into the folder of a benchmark, what is there
-/// already excepted. `told` hears of every truth.
+/// already excepted; `only` chooses as in [`chosen`]. `told` hears of every truth.
 ///
 /// # Errors
 /// A rope without a cause cannot be moved, or a file cannot be written.
 pub fn play(
     reality: &dyn Reality,
     extent: &Extent,
+    only: &[String],
     out: &Path,
     told: &(dyn Fn(&str) + Sync),
 ) -> anyhow::Result<()> {
     let plays = reality.repertoire();
     let mut keys: Vec<TruthKey> = Vec::new();
-    for cell in matrix(&plays, extent) {
+    for cell in chosen(matrix(&plays, extent), only) {
         if !keys.contains(&cell.truth()) {
             keys.push(cell.truth());
         }
@@ -69,6 +70,12 @@ pub fn play(
         })?;
     let file = repertoire_file(out, &plays.world);
     Ok(write_whole(&file, &serde_json::to_vec_pretty(&plays)?)?)
+}
+
+/// The cells whose name contains one of `only`, all where it is empty.
+pub fn chosen(mut cells: Vec<Cell>, only: &[String]) -> Vec<Cell> {
+    cells.retain(|cell| only.is_empty() || only.iter().any(|part| cell.name().contains(part)));
+    cells
 }
 
 /// All cells of an extent: of G2, and of G3 where its truths are in the folder.

@@ -4,8 +4,8 @@ use super::BenchDiagnosisArguments;
 use super::progress::Reporter;
 use super::runs::set_threads;
 use anyhow::Context;
-use offline::bench_diagnosis::cells::{Cell, Extent};
-use offline::bench_diagnosis::{counted, questions, run, table};
+use offline::bench_diagnosis::cells::Extent;
+use offline::bench_diagnosis::{chosen, counted, questions, run, table};
 use offline::run_files::write_whole;
 
 /// Diagnoses what is asked for and not yet there, counts all answers of the folder, prints and writes the
@@ -18,13 +18,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
     };
-    let chosen: Vec<Cell> = questions(&arguments.out, &extent)?
-        .into_iter()
-        .filter(|cell| {
-            let name = cell.name();
-            arguments.only.is_empty() || arguments.only.iter().any(|part| name.contains(part))
-        })
-        .collect();
+    let chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
     anyhow::ensure!(
         !chosen.is_empty(),
         "no cell's name contains any of {:?}: look at the names with --list",

@@ -20,6 +20,9 @@ struct Arguments {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     first_seed: u64,
+    /// Only what cells need whose name contains one of these.
+    #[arg(long, num_args = 1.., value_name = "TEXT")]
+    only: Vec<String>,
     /// Folder of the benchmark.
     #[arg(long, default_value = "runs/bench-diagnosis")]
     out: PathBuf,
@@ -32,5 +35,7 @@ fn main() -> anyhow::Result<()> {
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
     };
-    play(&Rod, &extent, &arguments.out, &|line| println!("{line}"))
+    play(&Rod, &extent, &arguments.only, &arguments.out, &|line| {
+        println!("{line}")
+    })
 }
