@@ -162,8 +162,8 @@ fn largest(reality: &dyn Reality, id: &str) -> f64 {
 /// How far a strength may be from the one that was asked for.
 const STRENGTH_TOLERANCE: f64 = 0.1;
 
-/// The size at which a cause leaves `target_mm`, by repeated proportion: what is left grows nearly in
-/// proportion to the size. `left_mm` says how much a size leaves.
+/// The size at which a cause leaves `target_mm`: what is left grows with a power of the size, which the
+/// last two sizes give. `left_mm` says how much a size leaves.
 fn size_for(
     target_mm: f64,
     largest: f64,
@@ -172,18 +172,22 @@ fn size_for(
     const MOST_ROUNDS: usize = 7;
     let mut size = largest.min(1.0);
     let mut left = left_mm(size)?;
+    let mut power: f64 = 1.0;
     for _ in 0..MOST_ROUNDS {
         if (left / target_mm - 1.0).abs() <= STRENGTH_TOLERANCE {
             return Ok(size);
         }
-        let next = (size * (target_mm / left).clamp(0.02, 50.0)).min(largest);
+        let factor = (target_mm / left).powf(1.0 / power).clamp(0.02, 50.0);
+        let next = (size * factor).min(largest);
         if next == size {
             return Err(format!(
                 "leaves only {left:.2} of {target_mm:.2} mm at the end of its physical range"
             ));
         }
-        size = next;
-        left = left_mm(size)?;
+        let now = left_mm(next)?;
+        // Friction that sticks and forces that go with a square lie between these powers.
+        power = ((now / left).ln() / (next / size).ln()).clamp(0.5, 3.0);
+        (size, left) = (next, now);
     }
     Err(format!("no size was found that leaves {target_mm:.2} mm"))
 }
@@ -240,7 +244,8 @@ mod tests {
 
     #[test]
     fn the_size_leaves_the_strength_that_was_asked_for() {
-        // Grows faster than in proportion, like a wind's force.
+        // Grows with the square where it is large, like a wind's force; by proportion alone the sizes went
+        // to and fro without end.
         let left = |size: f64| Ok(0.3 * size * (1.0 + 0.2 * size));
         for target in [0.5, 1.0, 3.0, 10.0] {
             let size = size_for(target, 100.0, &left).unwrap();
