@@ -10,7 +10,8 @@ use crate::residual::ResidualSummary;
 
 /// Residual over noise at which nothing is left to explain.
 pub(super) const WHITE_FLOORS: f64 = 1.05;
-/// Share of the excess over the noise below which the effects found only stand in for something else.
+/// Share of the excess over noise and discretisation error below which the effects found only stand in for
+/// something else.
 const EXPLAINED_SHARE: f64 = 0.7;
 
 /// What a verdict is made from.
@@ -45,10 +46,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if facts.demos[1] == 0 {
         reasons.push(ReasonCode::HeldOutInTime);
     }
-    let excess_mm = (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt();
     let numerical = rounds
         .last()
-        .is_some_and(|r| excess_mm <= r.table.discretisation_mm);
+        .is_some_and(|r| excess_mm(fitted) <= r.table.discretisation_mm);
     let white = now.floors <= WHITE_FLOORS;
     if !white {
         reasons.push(if numerical {
@@ -68,12 +68,19 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         };
         return (verdict, reasons);
     }
-    let removed = excess_removed(facts.base, &now);
+    let numerical_mm = rounds.first().map_or(0.0, |r| r.table.discretisation_mm);
+    let removed = excess_removed(facts.base, &now, numerical_mm);
     if removed < EXPLAINED_SHARE {
         reasons.push(ReasonCode::ProxySuspected);
         return (stand_in(structure, &fitted.best, removed), reasons);
     }
     (explained(structure, fitted, facts.rivals), reasons)
+}
+
+/// Root mean square of what a fit leaves beyond the noise, mm.
+pub(super) fn excess_mm(fitted: &FitResult) -> f64 {
+    let now = ResidualSummary::of(&fitted.best);
+    (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt()
 }
 
 fn names(structure: &Structure) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::conclude::{Facts, WHITE_FLOORS, conclude};
+use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
 use super::gates::{Gate, refinement_gate, statistical_gates};
 use super::noise::Noise;
 use super::score::{Score, ScoreProblem, ScoreTable};
@@ -226,6 +226,7 @@ pub fn close_loop(
     let mut rivals = Vec::new();
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
+        && !only_numerical(&fitted, &rounds)
     {
         let (round, winner) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
         let done = winner.is_none();
@@ -260,6 +261,14 @@ pub fn close_loop(
         noise_scale: noise.map(|n| n.scale),
         rivals,
     })
+}
+
+/// Whether the last round explained everything but what the simulation itself is known to be off by. No
+/// further effect could be believed, and a round takes as long as all before it.
+fn only_numerical(fitted: &FitResult, rounds: &[Round]) -> bool {
+    rounds
+        .last()
+        .is_some_and(|round| round.accepted.is_some() && excess_mm(fitted) <= round.table.discretisation_mm)
 }
 
 impl Bench<'_> {
