@@ -74,7 +74,7 @@ fn wrongly_explained(answer: &Answer) -> bool {
     answer.said == Said::Explained && answer.named.iter().any(wrong)
 }
 
-fn found(answer: &Answer, cause: &String) -> bool {
+fn found(answer: &Answer, cause: &str) -> bool {
     answer.named.iter().any(|named| same_family(named, cause))
 }
 
@@ -249,7 +249,7 @@ fn other_lines(whole: &[&Answer]) -> Vec<Line> {
         rate(
             "pairs: a false third",
             "at most 5 %",
-            Rate::of(pairs.iter().map(|a| third(&a))),
+            Rate::of(pairs.iter().map(third)),
             |p| p <= 0.05,
         ),
         rate(
