@@ -76,11 +76,15 @@ fn run(args: &Args) -> Result<()> {
         share_per_period: 1.0 - (-(PERIOD_NS as f64) * 1e-9 / args.lag_s).exp(),
     };
     while !ended() {
-        // A controller that is not there yet, or was restarted, is waited for.
-        if let Ok(mut client) = Client::connect(&args.instance, SILENCE)
-            && let Err(error) = play(&mut arm, &mut client, &ended)
-        {
-            eprintln!("sim_robot: {error:#}; connecting again");
+        // A controller that is not there yet, or was restarted, is waited for; one of another version is not.
+        match Client::connect(&args.instance, SILENCE) {
+            Ok(mut client) => {
+                if let Err(error) = play(&mut arm, &mut client, &ended) {
+                    eprintln!("sim_robot: {error:#}; connecting again");
+                }
+            }
+            Err(error) if error.may_pass() => {}
+            Err(error) => return Err(error.into()),
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 //! loop, targets and statuses from it. It may allocate and wait; the loop never waits for it.
 
 use crate::clock;
-use crate::constants::{BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
+use crate::constants::{BRIDGE_LAG_US, BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
 use crate::cycle::Queues;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
 use iceoryx2::node::Node;
@@ -20,6 +20,8 @@ pub struct Bridge {
     targets: Publisher<ipc::Service, JointTarget, ()>,
     statuses: Publisher<ipc::Service, Status, ()>,
     complained: bool,
+    /// The cycle that was due next when the bridge rested last, ns.
+    cycle_ns: u64,
 }
 
 impl Bridge {
@@ -32,6 +34,7 @@ impl Bridge {
             targets: TARGETS.publisher(node, true)?,
             statuses: STATUS.publisher(node, true)?,
             complained: false,
+            cycle_ns: 0,
         })
     }
 
@@ -56,14 +59,15 @@ impl Bridge {
         }
     }
 
-    /// Rests between two rounds; wakes a little before the loop's next cycle if that comes sooner.
-    pub fn rest(&self, queues: &Queues) {
-        let now_ns = clock::now_ns();
-        let usual_ns = now_ns + BRIDGE_PAUSE_US * 1000;
-        let cycle_ns = queues.next_cycle_ns.load(Ordering::Relaxed);
-        let before_cycle_ns = cycle_ns.saturating_sub(BRIDGE_LEAD_US * 1000);
-        let sooner = now_ns < before_cycle_ns && before_cycle_ns < usual_ns;
-        clock::sleep_until(if sooner { before_cycle_ns } else { usual_ns });
+    /// Rests between two rounds; around the start of a cycle it does not, so that what arrives until then is
+    /// in time for it and its target leaves at once.
+    pub fn rest(&mut self, queues: &Queues) {
+        let cycle_ns = queues.next_cycle_ns.load(Ordering::Acquire);
+        let turned = cycle_ns != self.cycle_ns;
+        self.cycle_ns = cycle_ns;
+        if let Some(until_ns) = rest_until_ns(clock::now_ns(), cycle_ns, turned) {
+            clock::sleep_until(until_ns);
+        }
     }
 
     /// Once is enough: what goes wrong every millisecond is counted in the status.
@@ -72,6 +76,21 @@ impl Bridge {
             eprintln!("controller: {failure}; further failures are only counted (messages_lost)");
             self.complained = true;
         }
+    }
+}
+
+/// Until when to rest at `now_ns` when the next cycle is due at `cycle_ns`; `None` for not at all: right after
+/// the loop has `turned`, and from a little before a cycle until the loop has turned or is late.
+fn rest_until_ns(now_ns: u64, cycle_ns: u64, turned: bool) -> Option<u64> {
+    let first_ns = cycle_ns.saturating_sub(BRIDGE_LEAD_US * 1000);
+    let last_ns = cycle_ns + BRIDGE_LAG_US * 1000;
+    let usual_ns = now_ns + BRIDGE_PAUSE_US * 1000;
+    if turned || (first_ns..last_ns).contains(&now_ns) {
+        None
+    } else if now_ns < first_ns {
+        Some(first_ns.min(usual_ns))
+    } else {
+        Some(usual_ns)
     }
 }
 
@@ -100,5 +119,39 @@ fn give<T: Payload>(port: &Publisher<ipc::Service, T, ()>, item: T, queues: &Que
             queues.count_lost();
             Some(format!("cannot send: {error:?}"))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_rests_except_around_the_start_of_a_cycle() {
+        let cycle_ns = 100_000_000u64;
+        let after = |us: i64| cycle_ns.wrapping_add_signed(us * 1000);
+        let rest = |us: i64| rest_until_ns(after(us), cycle_ns, false);
+        let (lead, lag, pause) = (
+            BRIDGE_LEAD_US as i64,
+            BRIDGE_LAG_US as i64,
+            BRIDGE_PAUSE_US as i64,
+        );
+        assert_eq!(rest(-3000), Some(after(pause - 3000)));
+        assert_eq!(
+            rest(-lead - 10),
+            Some(after(-lead)),
+            "not past the start of its watch"
+        );
+        assert_eq!((rest(-lead), rest(-1), rest(lag - 1)), (None, None, None));
+        assert_eq!(
+            rest(lag),
+            Some(after(lag + pause)),
+            "a loop that is late is not waited for"
+        );
+        assert_eq!(
+            rest_until_ns(after(-3000), cycle_ns, true),
+            None,
+            "what the loop has just put out is carried at once"
+        );
     }
 }

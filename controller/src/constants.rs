@@ -75,9 +75,22 @@ pub const RECORD_QUEUE: usize = 2048;
 /// late for the next cycle, and long beside a round (2 µs).
 pub const BRIDGE_PAUSE_US: u64 = 250;
 
-/// How long before a cycle the bridge makes an extra round, µs, so that few goals are late for it: what an
-/// ordinary thread takes to wake and carry them.
-pub const BRIDGE_LEAD_US: u64 = 100;
+/// How long before a cycle the loop wakes, µs: longer than an idle machine takes to wake it (p99 about 50)
+/// and a cold plan takes (40), so that the cycle begins on time and warm.
+pub const EARLY_US: u64 = 150;
+
+/// What a plan takes more with cold caches, µs: the loop plans ahead where a plan and this fit in before the
+/// cycle.
+pub const COLD_US: u64 = 40;
+
+/// How long before a cycle the bridge begins to carry without a pause, µs, so that hardly any goal is late
+/// for it: what the bridge takes to wake. Not longer, for meanwhile a small machine has no processor left for
+/// clients.
+pub const BRIDGE_LEAD_US: u64 = 50;
+
+/// How long after the start of a cycle the bridge waits for its target without a pause, µs: longer than a
+/// cycle takes.
+pub const BRIDGE_LAG_US: u64 = 50;
 
 /// Priority of the loop: above ordinary programs, below the kernel's own threads.
 pub const FIFO_PRIORITY: i32 = 80;
@@ -85,6 +98,7 @@ pub const FIFO_PRIORITY: i32 = 80;
 /// Priority of the bridge: above ordinary programs, below the loop.
 pub const BRIDGE_PRIORITY: i32 = 40;
 
+const _: () = assert!(2 * EARLY_US * (LOOP_RATE_MAX_HZ as u64) < 1_000_000);
 const _: () = assert!(LOOP_RATE_MIN_HZ <= TARGET_RATE_MAX_HZ);
 const _: () = assert!(RESUME_DISTANCE_MAX_RAD < FOLLOWING_ERROR_MAX_RAD);
 const _: () = assert!(GOAL_AHEAD_MAX_NS < GOAL_AGE_MAX_NS);

@@ -3,16 +3,21 @@
 
 use crate::allocations;
 use crate::clock::{self, Grid};
-use crate::constants::{RECORD_QUEUE, REQUEST_QUEUE, ROBOT_QUEUE, STATUS_QUEUE, TARGET_QUEUE};
+use crate::constants::{
+    COLD_US, EARLY_US, RECORD_QUEUE, REQUEST_QUEUE, ROBOT_QUEUE, STATUS_QUEUE, TARGET_QUEUE,
+};
 use crate::recorder;
 use crate::rt;
 use crate::step::{Controller, Inputs, Output};
-use crate::timing::{Cost, Timing};
+use crate::timing::{Cost, Stations, Timing};
 use crossbeam::queue::ArrayQueue;
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::messages::{Command, CommandKind, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
 use shared::recording::Record;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// Plans timed before the loop starts; the shortest is taken.
+const PLANS_TIMED: u32 = 16;
 
 /// What the loop and the bridge share; made once, before the loop starts.
 pub struct Queues {
@@ -34,7 +39,7 @@ pub struct Queues {
     pub shutdown: AtomicBool,
     /// Set by the loop when it has ended.
     pub ended: AtomicBool,
-    /// When the next cycle is due, ns; kept by the loop.
+    /// When the next cycle is due, ns; set by the loop once everything of the present one is in the queues.
     pub next_cycle_ns: AtomicU64,
     lost: AtomicU64,
 }
@@ -98,7 +103,9 @@ pub struct Cycle<'a> {
     queues: &'a Queues,
     dry_run: bool,
     last: Option<JointTarget>,
-    /// The goal taken last, until its first target is out.
+    /// A goal taken ahead of its turn.
+    waiting: Option<Goal>,
+    /// The goal judged last, until its first target is out.
     goal: Option<Goal>,
     /// Whether this turn judged a goal.
     judged: bool,
@@ -112,12 +119,13 @@ impl<'a> Cycle<'a> {
             queues,
             dry_run,
             last: None,
+            waiting: None,
             goal: None,
             judged: false,
         }
     }
 
-    fn gather(&self, now_ns: u64, missed_deadlines: u64) -> Inputs {
+    fn gather(&mut self, now_ns: u64, missed_deadlines: u64) -> Inputs {
         let mut robot = None;
         while let Some(newer) = self.queues.robots.pop() {
             robot = Some(newer);
@@ -126,7 +134,7 @@ impl<'a> Cycle<'a> {
             robot = Some(imagined_arm(self.last.as_ref(), now_ns));
         }
         Inputs {
-            goal: self.queues.goals.pop(),
+            goal: self.waiting.take().or_else(|| self.queues.goals.pop()),
             command: self.queues.stops.pop().or_else(|| self.queues.commands.pop()),
             robot,
             shutdown: self.queues.shutdown.load(Ordering::Relaxed),
@@ -180,24 +188,66 @@ impl<'a> Cycle<'a> {
     }
 
     fn turn_on_grid(&mut self, period_ns: u64, timing: &mut Timing, write: &mut dyn FnMut(&JointTarget)) {
+        let plan_ns = self.plan_ns();
         let mut grid = Grid::new(clock::now_ns(), period_ns);
         loop {
-            let deadline_ns = grid.next_ns();
-            clock::sleep_until(deadline_ns);
+            let due_ns = grid.next_ns();
+            let asked_ns = due_ns - EARLY_US * 1000;
+            clock::sleep_until(asked_ns);
             let woke_ns = clock::now_ns();
-            let served_ns = grid.serve(woke_ns);
-            self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Relaxed);
+            let began_ns = self.prepare_until(due_ns, plan_ns, timing);
+            let served_ns = grid.serve(began_ns);
             let output = self.turn(served_ns, grid.missed(), write);
+            self.queues.next_cycle_ns.store(grid.next_ns(), Ordering::Release);
             let done_ns = clock::now_ns();
-            timing.note(deadline_ns, woke_ns, done_ns);
+            timing.note(Stations {
+                asked_ns,
+                woke_ns,
+                due_ns,
+                began_ns,
+                done_ns,
+            });
             if let Some(sent_ns) = self.first_served_ns(&output) {
-                timing.note_goal(sent_ns, done_ns);
+                timing.note_goal(sent_ns, done_ns, self.controller.period_ns());
             }
             if self.judged {
-                timing.note_answer(woke_ns, done_ns);
+                timing.note_answer(began_ns, done_ns);
             }
             if output.ended {
                 break;
+            }
+        }
+    }
+
+    /// What planning for a likely goal takes once it is warm, ns.
+    fn plan_ns(&mut self) -> u64 {
+        let timed = (0..PLANS_TIMED).map(|_| {
+            let goal = self.controller.likely_goal();
+            let start_ns = clock::now_ns();
+            self.controller.prepare(&goal);
+            clock::now_ns() - start_ns
+        });
+        timed.min().unwrap_or(0)
+    }
+
+    /// Waits for `due_ns` awake and returns the time then. Meanwhile plans for the goal that waits, or for a
+    /// likely one, while that surely fits: what the turn needs is then in the caches, and neither a plan nor a
+    /// wake-up delays it.
+    fn prepare_until(&mut self, due_ns: u64, plan_ns: u64, timing: &mut Timing) -> u64 {
+        let room_ns = plan_ns + COLD_US * 1000;
+        let mut cold = true;
+        loop {
+            let now_ns = clock::now_ns();
+            if now_ns >= due_ns {
+                return now_ns;
+            }
+            if due_ns - now_ns > room_ns && self.waiting.is_none() {
+                self.waiting = self.queues.goals.pop();
+                let goal = self.waiting.unwrap_or_else(|| self.controller.likely_goal());
+                self.controller.prepare(&goal);
+                if std::mem::take(&mut cold) {
+                    timing.note_plan(now_ns, clock::now_ns());
+                }
             }
         }
     }
@@ -208,7 +258,7 @@ mod tests {
     use super::*;
     use crate::sample;
     use crate::step::Setup;
-    use shared::messages::{COMMAND_MAGIC, Phase};
+    use shared::messages::{COMMAND_MAGIC, GOAL_MAGIC, Phase};
 
     fn command(kind: CommandKind, id: u64) -> Command {
         Command {
@@ -243,6 +293,29 @@ mod tests {
         cycle.turn(8_000_000, 0, &mut |_| {});
         assert_eq!(cycle.controller.phase(), Phase::Stopping);
         assert!(queues.lost() > 900, "the flood is counted");
+    }
+
+    #[test]
+    fn a_goal_taken_ahead_is_judged_once_and_in_order() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        for id in [7, 8] {
+            let goal = Goal {
+                magic: GOAL_MAGIC,
+                id,
+                x_m: f64::NAN,
+                ..Goal::default()
+            };
+            queues.put(&queues.goals, goal);
+        }
+        let due_ns = clock::now_ns() + 5_000_000;
+        assert!(cycle.prepare_until(due_ns, 0, &mut Timing::default()) >= due_ns);
+        let judged: Vec<_> = (2..6)
+            .map(|k| cycle.turn(k * 4_000_000, 0, &mut |_| {}).status)
+            .map(|status| status.map(|status| (status.judged_goal_id, status.goals_refused)))
+            .collect();
+        assert_eq!(judged, [Some((7, 1)), Some((8, 2)), None, None]);
     }
 
     #[test]

@@ -5,6 +5,12 @@
 //! arm ──── RobotState ────►  thread ◄─ queues ─ (no lock, no allocation, no log)
 //! client ◄ JointTarget, Status ─┘
 //! ```
+//!
+//! One cycle of the loop: it wakes early, so that neither a late wake-up nor cold caches delay the turn.
+//!
+//! ```text
+//! sleep ─► awake 150 us early: plans ahead for the goal that waits ─► due: turn, on time and warm ─► sleep
+//! ```
 
 pub mod allocations;
 pub mod bench;
@@ -14,6 +20,7 @@ pub mod clock;
 pub mod constants;
 pub mod cycle;
 pub mod guard;
+pub mod interface;
 pub mod motion;
 pub mod plan;
 pub mod policy_file;

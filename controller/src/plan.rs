@@ -5,9 +5,9 @@ use crate::constants::{GRIPPER_S, STANDOFF_M};
 use crate::motion::{self, JointMove, LineError};
 use crate::survey::Survey;
 use shared::arm::Joints;
-use shared::blob::Blob;
+use shared::blob::{Blob, TaskFrame};
 use shared::ik;
-use shared::messages::{Goal, Gripper, Phase, Reason};
+use shared::messages::{GOAL_MAGIC, Goal, Gripper, Phase, Reason};
 use shared::profile::LineProfile;
 
 /// Number of legs of every motion.
@@ -35,6 +35,20 @@ pub struct Leg {
     pub motion: Motion,
     /// Targets of the leg; a leg of none is skipped.
     pub targets: u32,
+}
+
+impl Leg {
+    /// Joint angles at time `t_s` after the leg's start, rad, when those of the target before are `last_rad`.
+    pub fn joints_rad(&self, frame: &TaskFrame, t_s: f64, last_rad: &Joints) -> Result<Joints, Reason> {
+        match &self.motion {
+            Motion::Hold => Ok(*last_rad),
+            Motion::Joints(path) => Ok(path.joints_rad(t_s)),
+            Motion::Line(profile) => {
+                let pose = motion::pose_on_line(frame, profile, t_s);
+                ik::solve_near(&pose, last_rad).map_err(|_| Reason::Unreachable)
+            }
+        }
+    }
 }
 
 /// The motion that serves one goal.
@@ -67,6 +81,29 @@ pub fn release_point(blob: &Blob, goal: &Goal) -> Result<([f64; 2], f64), Reason
         Ok((release_m, rope.length_m))
     } else {
         Err(Reason::ReleaseOutOfRange)
+    }
+}
+
+/// The goal number `k` of many that a client could ask for: the ropes in turn, each over what it may be asked.
+pub fn likely_goal(blob: &Blob, k: u64) -> Goal {
+    const SHARES: u64 = 16;
+    let ropes = blob.ropes.len().max(1) as u64;
+    let rope = k % ropes;
+    let share = ((k / ropes) % SHARES) as f64 / (SHARES - 1) as f64;
+    let (trained, task) = (&blob.policy.ranges().goal_x_m, &blob.task.goal_x_m);
+    let x_m = blob.ropes.get(rope as usize).map_or(f64::NAN, |rope| {
+        let x_m = rope.reach_m.at(share);
+        x_m.max(trained.low)
+            .max(task.low)
+            .min(trained.high)
+            .min(task.high)
+    });
+    Goal {
+        magic: GOAL_MAGIC,
+        id: 1,
+        x_m,
+        rope: rope as u32,
+        ..Goal::default()
     }
 }
 
@@ -163,5 +200,30 @@ fn refusal(error: LineError) -> Reason {
     match error {
         LineError::Pose(_) => Reason::Unreachable,
         LineError::TooFast => Reason::TooFast,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample;
+    use shared::arm::LEVEL_POSTURE_RAD;
+
+    #[test]
+    fn likely_goals_are_planned_to_the_end() {
+        let blob = sample::blob();
+        let start = Start {
+            q_rad: LEVEL_POSTURE_RAD,
+            gripper: Gripper::Open,
+        };
+        let pace = Pace {
+            period_s: 0.004,
+            gripper_lead_s: 0.0,
+        };
+        for k in 0..40 {
+            let goal = likely_goal(&blob, k);
+            let planned = plan(&blob, None, &goal, &start, &pace);
+            assert!(planned.is_ok(), "{goal:?}: {planned:?}");
+        }
     }
 }

@@ -66,10 +66,27 @@ pub fn page_faults() -> u64 {
     (usage.ru_minflt + usage.ru_majflt) as u64
 }
 
-/// Also touches every page, so that no page fault is left for later.
+/// Room for what is mapped after memory is locked: threads, the bridge, every client's samples.
+const LATER_BYTES: usize = 256 << 20;
+
+/// Also touches every page, so that no page fault is left for later. A limit that would make later mappings
+/// fail counts as a refusal, for those would end the program: it then runs without the lock.
 fn lock_memory() -> bool {
-    // SAFETY: the call changes how memory is backed, not what it holds.
-    unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) == 0 }
+    let (private, no_access) = (libc::MAP_PRIVATE | libc::MAP_ANONYMOUS, libc::PROT_NONE);
+    // SAFETY: locking changes how memory is backed, not what it holds; the mapping is new, never accessed and
+    // removed at once.
+    unsafe {
+        if libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) != 0 {
+            return false;
+        }
+        let probe = libc::mmap(std::ptr::null_mut(), LATER_BYTES, no_access, private, -1, 0);
+        if probe == libc::MAP_FAILED {
+            libc::munlockall();
+            return false;
+        }
+        libc::munmap(probe, LATER_BYTES);
+    }
+    true
 }
 
 /// The processors that the calling thread may run on, ascending.

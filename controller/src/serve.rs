@@ -256,12 +256,17 @@ fn summarise(timing: &Timing, last: &Status) {
         timing.cost()
     );
     eprintln!("controller: wake-up {}", timing.wake());
+    eprintln!("controller: begins  {} late", timing.start());
     eprintln!("controller: turn    {}", timing.turn());
     eprintln!(
         "controller: of these, turns that judged a goal {}",
         timing.answer()
     );
-    eprintln!("controller: goal to first target {}", timing.goal());
+    eprintln!(
+        "controller: goal to first target {}; {} waited longer than a period",
+        timing.goal(),
+        timing.goals_beyond_period()
+    );
 }
 
 #[cfg(test)]

@@ -27,6 +27,9 @@ const LOCK_PATIENCE: Duration = Duration::from_secs(1);
 
 const SHARED_MEMORY: &str = "/dev/shm";
 
+/// What the controller's services take (4 MB), and as much again for clients.
+const SHARED_MEMORY_NEEDED: u64 = 8_000_000;
+
 /// Release line of iceoryx2; participants of another line cannot read its files.
 pub const ICEORYX2: &str = "0.10";
 
@@ -56,14 +59,24 @@ pub enum SessionError {
         ours: String,
     },
     /// The operating system refused.
-    #[error("{what} {path}: {source}; check that the folder belongs to this user")]
+    #[error("{what} {path}: {reason}; check that the folder belongs to this user")]
     Io {
         /// What was tried.
         what: &'static str,
         /// On which file.
         path: PathBuf,
-        /// What came back.
-        source: std::io::Error,
+        /// What came back; named so that it is not said twice.
+        reason: std::io::Error,
+    },
+    /// Writing into memory that the kernel then cannot supply would end the process without a word.
+    #[error(
+        "{SHARED_MEMORY} has {free_mb} MB left and {needed_mb} are needed: remove what fills it, or enlarge it (in a container: --shm-size=64m)"
+    )]
+    SharedMemoryFull {
+        /// What is left, MB.
+        free_mb: u64,
+        /// What is needed, MB.
+        needed_mb: u64,
     },
     /// iceoryx2 does not take the path.
     #[error("{0} is no path for iceoryx2")]
@@ -72,7 +85,7 @@ pub enum SessionError {
 
 fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> SessionError {
     let path = path.to_path_buf();
-    move |source| SessionError::Io { what, path, source }
+    move |reason| SessionError::Io { what, path, reason }
 }
 
 /// A checked instance name and its places.
@@ -165,6 +178,7 @@ impl Instance {
             .map_err(io("cannot create", &base))?;
         let lock = self.take_lock()?;
         self.wipe()?;
+        check_shared_memory(SHARED_MEMORY_NEEDED)?;
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("{:x}-{:x}", since_epoch.as_nanos(), std::process::id());
         let folder = self.folder().join(&name);
@@ -311,6 +325,24 @@ impl Drop for Session {
     }
 }
 
+/// Whether shared memory has that many bytes left; where it cannot be asked, iceoryx2 will say what is wrong.
+fn check_shared_memory(needed: u64) -> Result<(), SessionError> {
+    let path = std::ffi::CString::new(SHARED_MEMORY).expect("no zero within");
+    // SAFETY: the structure is plain numbers that the kernel fills, and the path outlives the call.
+    let free = unsafe {
+        let mut room: libc::statvfs = std::mem::zeroed();
+        let answered = libc::statvfs(path.as_ptr(), &mut room) == 0;
+        answered.then_some(room.f_bavail as u64 * room.f_frsize as u64)
+    };
+    match free {
+        Some(free) if free < needed => Err(SessionError::SharedMemoryFull {
+            free_mb: free / 1_000_000,
+            needed_mb: needed / 1_000_000,
+        }),
+        _ => Ok(()),
+    }
+}
+
 fn whole_file_lock() -> libc::flock {
     // SAFETY: the structure is plain numbers, zero is a value of each.
     let mut lock: libc::flock = unsafe { std::mem::zeroed() };
@@ -351,6 +383,13 @@ mod tests {
             assert!(Instance::new(bad).is_err(), "{bad}");
         }
         assert!(Instance::new("arm-2").is_ok());
+    }
+
+    #[test]
+    fn full_shared_memory_is_told_before_anything_is_written_there() {
+        assert!(check_shared_memory(0).is_ok());
+        let message = check_shared_memory(u64::MAX).unwrap_err().to_string();
+        assert!(message.contains("--shm-size"), "{message}");
     }
 
     #[test]

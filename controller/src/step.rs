@@ -21,61 +21,15 @@ use crate::constants::{
     STILL_RAD_S,
 };
 use crate::guard::{Brake, Guard};
-use crate::motion;
-use crate::plan::{self, LEGS, Motion, Pace, Plan, Start};
+pub use crate::interface::{Inputs, Output, Setup};
+use crate::plan::{self, LEGS, Pace, Plan, Start};
 use crate::promise::Promise;
 use crate::survey::Survey;
-use shared::arm::{self, JOINTS, Joints};
-use shared::blob::Blob;
-use shared::ik;
+use shared::arm::{self, JOINTS, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason,
     RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
 };
-
-/// What does not change while the controller runs.
-pub struct Setup {
-    /// The policy file.
-    pub blob: Box<Blob>,
-    /// Time between two calls of [`Controller::step`], ns.
-    pub cycle_ns: u64,
-    /// Cycles to one target.
-    pub cycles_per_target: u32,
-    /// Cycles after which an arm without states counts as silent, and unread targets as unread for good.
-    pub silent_cycles_max: u64,
-    /// How long before the release the gripper is told to open, ns: the time it takes to let go.
-    pub gripper_lead_ns: u64,
-    /// Bits of [`shared::messages::degraded`].
-    pub degraded: u32,
-}
-
-/// What arrived since the cycle before.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Inputs {
-    /// The oldest goal not judged yet.
-    pub goal: Option<Goal>,
-    /// The oldest command not obeyed yet.
-    pub command: Option<Command>,
-    /// The newest state of the arm.
-    pub robot: Option<RobotState>,
-    /// Stop and end.
-    pub shutdown: bool,
-    /// Cycles missed since start.
-    pub missed_deadlines: u64,
-    /// Messages lost between the threads since start.
-    pub messages_lost: u64,
-}
-
-/// What a cycle produced.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Output {
-    /// For the arm, every `cycles_per_target` cycles once there is a stream.
-    pub target: Option<JointTarget>,
-    /// On every change and every 100 ms.
-    pub status: Option<Status>,
-    /// The controller was told to end and stands still.
-    pub ended: bool,
-}
 
 /// What follows a stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,6 +58,13 @@ enum Mode {
     Ended,
 }
 
+/// A plan made ahead of the step that may need it. A plan depends on nothing but the goal and the start.
+struct Prepared {
+    goal: Goal,
+    start: Start,
+    outcome: Result<Plan, Reason>,
+}
+
 /// The state between two cycles.
 pub struct Controller {
     setup: Setup,
@@ -115,6 +76,7 @@ pub struct Controller {
     /// Whether the present stream's first target, the measured pose, is out.
     stream_begun: bool,
     gripper: Gripper,
+    prepared: Option<Prepared>,
     robot: RobotState,
     silent_cycles: u64,
     accepted_id: u64,
@@ -135,6 +97,7 @@ impl Controller {
             guard: None,
             stream_begun: false,
             gripper: Gripper::Open,
+            prepared: None,
             robot: RobotState::default(),
             // Silent until heard.
             silent_cycles: setup.silent_cycles_max,
@@ -152,9 +115,9 @@ impl Controller {
         }
     }
 
-    /// Seconds between two targets.
-    pub fn period_s(&self) -> f64 {
-        self.period_s
+    /// Time between two targets, ns.
+    pub fn period_ns(&self) -> u64 {
+        self.setup.cycle_ns * u64::from(self.setup.cycles_per_target)
     }
 
     /// One cycle. `now_ns` is the instant on the loop's grid that the cycle belongs to.
@@ -188,6 +151,23 @@ impl Controller {
             status: self.report(now_ns),
             ended: matches!(self.mode, Mode::Ended),
         }
+    }
+
+    /// Plans ahead for a goal that waits for the next step, or for a likely one, so that caches and branch
+    /// predictors know the way. Changes how long the next step takes, nothing else.
+    pub fn prepare(&mut self, goal: &Goal) {
+        let q_rad = self.guard.as_ref().map_or(LEVEL_POSTURE_RAD, Guard::last_rad);
+        let start = self.start_at(q_rad);
+        self.prepared = Some(Prepared {
+            goal: *goal,
+            start,
+            outcome: self.plan(goal, &start),
+        });
+    }
+
+    /// A goal that a client could ask for, another one each cycle.
+    pub fn likely_goal(&self) -> Goal {
+        plan::likely_goal(&self.setup.blob, self.status.cycles)
     }
 
     /// Cycles run since start.
@@ -250,9 +230,12 @@ impl Controller {
         }
     }
 
-    /// Whether the arm's driver reports states but has not read targets for as long as silence may last.
+    /// Whether the arm's driver reports states but has not read targets for as long as silence may last, or
+    /// claims to have read one that was never sent.
     fn targets_unread(&self) -> bool {
-        let unread = self.targets_sent.saturating_sub(self.robot.target_seq);
+        let Some(unread) = self.targets_sent.checked_sub(self.robot.target_seq) else {
+            return true;
+        };
         unread * u64::from(self.setup.cycles_per_target) > self.setup.silent_cycles_max
     }
 
@@ -447,20 +430,30 @@ impl Controller {
         match (&self.mode, &self.guard) {
             (Mode::Idle, Some(_)) if self.targets_unread() => Err(Reason::TargetsUnread),
             (Mode::Idle, Some(guard)) => {
-                let (q_rad, gripper) = (guard.last_rad(), self.gripper);
-                let start = Start { q_rad, gripper };
-                let (period_s, gripper_lead_s) = (self.period_s, self.setup.gripper_lead_ns as f64 * 1e-9);
-                let pace = Pace {
-                    period_s,
-                    gripper_lead_s,
-                };
-                plan::plan(&self.setup.blob, self.survey.as_ref(), goal, &start, &pace)
+                let start = self.start_at(guard.last_rad());
+                match &self.prepared {
+                    Some(prepared) if prepared.goal == *goal && prepared.start == start => prepared.outcome,
+                    _ => self.plan(goal, &start),
+                }
             }
             (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
             (Mode::Fault, _) => Err(Reason::Latched),
             (Mode::Ended, _) => Err(Reason::Shutdown),
             (Mode::Waiting | Mode::Idle, _) => Err(Reason::NotReady),
         }
+    }
+
+    fn start_at(&self, q_rad: Joints) -> Start {
+        let gripper = self.gripper;
+        Start { q_rad, gripper }
+    }
+
+    fn plan(&self, goal: &Goal, start: &Start) -> Result<Plan, Reason> {
+        let pace = Pace {
+            period_s: self.period_s,
+            gripper_lead_s: self.setup.gripper_lead_ns as f64 * 1e-9,
+        };
+        plan::plan(&self.setup.blob, self.survey.as_ref(), goal, start, &pace)
     }
 
     /// The next target, which has passed the guard; none while waiting, in fault or at the end.
@@ -526,14 +519,7 @@ impl Controller {
             return Ok(guard.last_rad());
         }
         let t_s = f64::from(*target) * self.period_s;
-        match &plan.legs[*leg].motion {
-            Motion::Hold => Ok(guard.last_rad()),
-            Motion::Joints(path) => Ok(path.joints_rad(t_s)),
-            Motion::Line(profile) => {
-                let pose = motion::pose_on_line(&self.setup.blob.frame, profile, t_s);
-                ik::solve_near(&pose, &guard.last_rad()).map_err(|_| Reason::Unreachable)
-            }
-        }
+        plan.legs[*leg].joints_rad(&self.setup.blob.frame, t_s, &guard.last_rad())
     }
 
     /// The next target of a stop; when it is complete, or the guard refuses even the stop (a joint

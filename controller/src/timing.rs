@@ -1,4 +1,4 @@
-//! How punctual the loop is: how late it wakes, how long a turn takes, how far apart turns lie, how
+//! How punctual the loop is: how late it wakes and begins, how long a turn takes, how far apart turns lie, how
 //! long a goal waits for its first target; and what the loop cost besides time.
 
 use hdrhistogram::Histogram;
@@ -8,16 +8,33 @@ use std::io::{self, Write};
 /// Largest time that is told apart from longer ones, ns.
 const LONGEST_NS: u64 = 1_000_000_000;
 
+/// When a turn passed its stations, ns.
+#[derive(Clone, Copy, Debug)]
+pub struct Stations {
+    /// What the loop asked to be woken for.
+    pub asked_ns: u64,
+    /// When it was awake.
+    pub woke_ns: u64,
+    /// When the turn was due.
+    pub due_ns: u64,
+    /// When it began.
+    pub began_ns: u64,
+    /// When its target was out and everything else noted.
+    pub done_ns: u64,
+}
+
 /// Histograms of fixed size; recording does not allocate.
 pub struct Timing {
     wake_ns: Histogram<u64>,
+    plan_ns: Histogram<u64>,
+    start_ns: Histogram<u64>,
     turn_ns: Histogram<u64>,
     period_ns: Histogram<u64>,
     jitter_ns: Histogram<u64>,
     goal_ns: Histogram<u64>,
     answer_ns: Histogram<u64>,
-    last_deadline_ns: u64,
-    last_woke_ns: u64,
+    goals_beyond_period: u64,
+    last: Option<Stations>,
     cost: Cost,
 }
 
@@ -137,42 +154,53 @@ impl Default for Timing {
     fn default() -> Self {
         Self {
             wake_ns: histogram(),
+            plan_ns: histogram(),
+            start_ns: histogram(),
             turn_ns: histogram(),
             period_ns: histogram(),
             jitter_ns: histogram(),
             goal_ns: histogram(),
             answer_ns: histogram(),
-            last_deadline_ns: 0,
-            last_woke_ns: 0,
+            goals_beyond_period: 0,
+            last: None,
             cost: Cost::default(),
         }
     }
 }
 
 impl Timing {
-    /// Notes a turn for `deadline_ns` that began at `woke_ns` and ended at `done_ns`.
-    pub fn note(&mut self, deadline_ns: u64, woke_ns: u64, done_ns: u64) {
-        self.wake_ns
-            .saturating_record(woke_ns.saturating_sub(deadline_ns));
-        self.turn_ns.saturating_record(done_ns.saturating_sub(woke_ns));
-        if self.last_woke_ns != 0 {
-            let period_ns = woke_ns.saturating_sub(self.last_woke_ns);
-            let nominal_ns = deadline_ns.saturating_sub(self.last_deadline_ns);
+    /// Notes a turn.
+    pub fn note(&mut self, turn: Stations) {
+        let record = |times: &mut Histogram<u64>, from_ns: u64, to_ns: u64| {
+            times.saturating_record(to_ns.saturating_sub(from_ns));
+        };
+        record(&mut self.wake_ns, turn.asked_ns, turn.woke_ns);
+        record(&mut self.start_ns, turn.due_ns, turn.began_ns);
+        record(&mut self.turn_ns, turn.began_ns, turn.done_ns);
+        if let Some(last) = self.last.replace(turn) {
+            let period_ns = turn.began_ns.saturating_sub(last.began_ns);
+            let nominal_ns = turn.due_ns.saturating_sub(last.due_ns);
             self.period_ns.saturating_record(period_ns);
             self.jitter_ns.saturating_record(period_ns.abs_diff(nominal_ns));
         }
-        self.last_deadline_ns = deadline_ns;
-        self.last_woke_ns = woke_ns;
     }
 
-    /// Notes that the turn from `woke_ns` to `done_ns` judged a goal.
-    pub fn note_answer(&mut self, woke_ns: u64, done_ns: u64) {
-        self.answer_ns.saturating_record(done_ns.saturating_sub(woke_ns));
+    /// Notes that the first plan that the loop made after it woke took from `from_ns` to `to_ns`.
+    pub fn note_plan(&mut self, from_ns: u64, to_ns: u64) {
+        self.plan_ns.saturating_record(to_ns.saturating_sub(from_ns));
     }
 
-    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`.
-    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64) {
-        self.goal_ns.saturating_record(done_ns.saturating_sub(sent_ns));
+    /// Notes that the turn from `began_ns` to `done_ns` judged a goal.
+    pub fn note_answer(&mut self, began_ns: u64, done_ns: u64) {
+        self.answer_ns.saturating_record(done_ns.saturating_sub(began_ns));
+    }
+
+    /// Notes that the first target of a goal stamped `sent_ns` was out at `done_ns`; targets are `period_ns`
+    /// apart.
+    pub fn note_goal(&mut self, sent_ns: u64, done_ns: u64, period_ns: u64) {
+        let took_ns = done_ns.saturating_sub(sent_ns);
+        self.goal_ns.saturating_record(took_ns);
+        self.goals_beyond_period += u64::from(took_ns > period_ns);
     }
 
     /// Notes what the loop cost.
@@ -189,6 +217,8 @@ impl Timing {
     pub fn add(&mut self, other: &Self) {
         let pairs = [
             (&mut self.wake_ns, &other.wake_ns),
+            (&mut self.plan_ns, &other.plan_ns),
+            (&mut self.start_ns, &other.start_ns),
             (&mut self.turn_ns, &other.turn_ns),
             (&mut self.period_ns, &other.period_ns),
             (&mut self.jitter_ns, &other.jitter_ns),
@@ -198,10 +228,26 @@ impl Timing {
         for (mine, theirs) in pairs {
             mine.add(theirs).expect("all have the same bounds");
         }
+        self.goals_beyond_period += other.goals_beyond_period;
         self.cost = self.cost.plus(other.cost);
     }
 
-    /// How late the loop woke.
+    /// How long the first plan after a wake-up took, whose caches are cold.
+    pub fn plan(&self) -> Percentiles {
+        (&self.plan_ns).into()
+    }
+
+    /// How late turns began.
+    pub fn start(&self) -> Percentiles {
+        (&self.start_ns).into()
+    }
+
+    /// How late turns began, in full.
+    pub fn start_histogram(&self) -> &Histogram<u64> {
+        &self.start_ns
+    }
+
+    /// How late the loop woke after the instant it had asked for.
     pub fn wake(&self) -> Percentiles {
         (&self.wake_ns).into()
     }
@@ -246,6 +292,11 @@ impl Timing {
         (&self.goal_ns).into()
     }
 
+    /// Goals whose first target came later than one period of the targets.
+    pub fn goals_beyond_period(&self) -> u64 {
+        self.goals_beyond_period
+    }
+
     /// Time from a goal's stamp to its first target, in full.
     pub fn goal_histogram(&self) -> &Histogram<u64> {
         &self.goal_ns
@@ -259,14 +310,24 @@ mod tests {
     #[test]
     fn turns_are_told_apart() {
         let mut timing = Timing::default();
-        timing.note(1000, 1010, 1030);
-        timing.note(2000, 2005, 2025);
-        timing.note_goal(500, 900);
+        for (due_ns, woke_ns, began_ns, done_ns) in [(1000, 910, 1001, 1021), (2000, 1905, 2000, 2020)] {
+            timing.note(Stations {
+                asked_ns: due_ns - 100,
+                woke_ns,
+                due_ns,
+                began_ns,
+                done_ns,
+            });
+        }
+        timing.note_goal(500, 900, 400);
+        assert_eq!(timing.goals_beyond_period(), 0);
+        timing.note_goal(500, 901, 400);
         assert_eq!(timing.wake().max_ns, 10);
         assert_eq!(timing.turn().p50_ns, 20);
-        assert_eq!(timing.period().max_ns, 995);
-        assert_eq!(timing.jitter().max_ns, 5);
-        assert_eq!(timing.goal().p50_ns, 400);
+        assert_eq!(timing.start().max_ns, 1);
+        assert_eq!(timing.period().max_ns, 999);
+        assert_eq!(timing.jitter().max_ns, 1);
+        assert_eq!((timing.goal().p50_ns, timing.goals_beyond_period()), (400, 1));
         let mut both = Timing::default();
         both.add(&timing);
         both.add(&timing);

@@ -240,6 +240,22 @@ fn an_arm_moved_by_hand_during_a_fault_begins_a_new_stream() {
 }
 
 #[test]
+fn a_plan_made_ahead_is_not_used_when_the_motion_begins_elsewhere() {
+    let mut world = World::idle();
+    world.command(CommandKind::EmergencyStop);
+    world.run_to(Phase::Fault);
+    world.arm.as_mut().unwrap().q_rad[0] += 0.5;
+    // In one cycle the reset begins a stream where the arm is now and the goal is judged.
+    world.plans_ahead = true;
+    let goal = world.goal_at(0.33);
+    world.next.goal = Some(goal);
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+    world.run_to(Phase::Retreat);
+    limits_hold(&world.targets).unwrap();
+    assert_eq!(world.latched, [Reason::EmergencyStop]);
+}
+
+#[test]
 fn a_cancelled_goal_ends_idle_and_the_next_one_opens_first() {
     let mut world = World::idle();
     let id = world.accept();
@@ -358,6 +374,17 @@ fn a_driver_that_does_not_read_the_targets_is_noticed() {
     world.reads = true;
     world.run(2);
     world.accept();
+}
+
+#[test]
+fn a_driver_that_claims_to_have_read_what_was_never_sent_has_not_read() {
+    let mut world = World::idle();
+    world.accept();
+    world.run_to(Phase::Grasp);
+    world.reads = false;
+    world.arm.as_mut().unwrap().target_seq = u64::MAX;
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::TargetsUnread);
 }
 
 #[test]

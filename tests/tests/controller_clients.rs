@@ -279,6 +279,8 @@ fn a_python_client_has_its_goal_served_and_is_told_of_another_version() {
     };
     let (code, text) = goal("nan");
     assert!(code == Some(1) && text.contains("NON_FINITE"), "{text}");
+    let (code, text) = goal("far");
+    assert!(code == Some(2) && text.contains("use: "), "{text}");
     let (code, text) = goal("0.33");
     assert!(code == Some(0) && text.contains("ended: DONE"), "{text}");
 

@@ -4,13 +4,15 @@ mod controller_world;
 
 use controller::sample;
 use controller_world::limit_check::limits_hold_at;
-use controller_world::{PATIENCE, World, await_status, idle, program, terminate};
+use controller_world::{PATIENCE, Process, World, await_status, idle, program, terminate};
 use offline::demo::{Demo, SceneKind};
 use shared::arm;
 use shared::messages::{CommandKind, Gripper, JointTarget, Phase, Reason};
+use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
-use std::process::Command;
-use std::time::Instant;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 #[test]
 fn a_goal_becomes_the_whole_motion() {
@@ -193,7 +195,14 @@ fn the_benchmark_reports_every_figure_and_writes_histograms() {
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{words}");
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
-    for figure in ["wake", "jitter", "turn", "answer", "goal_to_first_target"] {
+    for figure in [
+        "wake",
+        "start",
+        "jitter",
+        "turn",
+        "answer",
+        "goal_to_first_target",
+    ] {
         assert!(
             report["idle"][figure]["count"].as_u64().expect("a count") > 0,
             "{figure}"
@@ -209,6 +218,71 @@ fn the_benchmark_reports_every_figure_and_writes_histograms() {
     assert!(compared != excused, "{report}");
     for part in ["policy", "ik_from_middle", "ik_along_line", "plan"] {
         assert!(report["parts"][part]["p50_ns"].is_number(), "{part}");
+    }
+}
+
+/// What a client program says before it ends by itself, and its exit code.
+fn last_line(program_name: &str, more: &[&str], instance: &str) -> (Option<i32>, String) {
+    let child = Command::new(program(program_name))
+        .args(more)
+        .args(["--instance", instance])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the client runs");
+    let mut child = Process(child);
+    let start = Instant::now();
+    while child.0.try_wait().expect("asked").is_none() {
+        assert!(start.elapsed() < PATIENCE, "{program_name} goes on in silence");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let mut text = String::new();
+    let errors = child.0.stderr.as_mut().expect("piped");
+    errors.read_to_string(&mut text).expect("text");
+    (child.0.wait().expect("ended").code(), text)
+}
+
+#[test]
+fn every_client_program_says_that_the_controller_is_of_another_version_or_the_name_is_none() {
+    let world = World::new();
+    let _controller = world.controller(&[]);
+    drop(world.client());
+    let uid = std::fs::metadata(world.path("policy.blob"))
+        .expect("a file")
+        .uid();
+    let current = format!("/tmp/genorm-{uid}/{}/current", world.instance);
+    std::fs::write(current, "session a-b\nprotocol 99\niceoryx2 0.10\n").expect("written");
+    for (name, more) in [
+        ("examples/sim_robot", &[][..]),
+        ("examples/watch_targets", &[]),
+        ("examples/send_goal", &["--x", "0.33"]),
+    ] {
+        let (code, text) = last_line(name, more, &world.instance);
+        assert!(
+            code == Some(1) && text.contains("speaks protocol 99"),
+            "{name}: {text}"
+        );
+        let (code, text) = last_line(name, more, "No_Name");
+        assert!(
+            code == Some(1) && text.contains("is not a name"),
+            "{name}: {text}"
+        );
+    }
+}
+
+#[test]
+fn a_wrong_flag_is_told_apart_from_a_failure_by_its_code() {
+    for arguments in [
+        &["--policy", "x.blob", "--instance", "No_Name"][..],
+        &["--policy", "x.blob", "--rate-hz", "99"],
+        &["--policy", "x.blob", "--robot-timeout-ms", "0"],
+        &["fk", "0", "0", "0", "0", "0", "0"],
+        &["ik", "nan", "0.1"],
+        &[],
+    ] {
+        let output = Command::new(program("controller")).args(arguments).output();
+        let output = output.expect("the controller runs");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
     }
 }
 

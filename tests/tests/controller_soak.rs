@@ -250,7 +250,7 @@ fn pipe(world: &World) -> std::path::PathBuf {
 /// The controller's summary: the last lines of what the programs said.
 fn last_words(world: &World) -> String {
     let log = std::fs::read_to_string(world.path("log")).expect("a log");
-    let last: Vec<&str> = log.lines().rev().take(6).collect();
+    let last: Vec<&str> = log.lines().rev().take(7).collect();
     last.into_iter().rev().collect::<Vec<_>>().join("\n")
 }
 

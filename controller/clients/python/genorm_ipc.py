@@ -442,12 +442,17 @@ def main():
     if sys.argv[1:] == ["--layout"]:
         print(json.dumps(layout()))
         return 0
-    if len(sys.argv) not in (2, 3):
+    try:
+        [x_m, *instance] = sys.argv[1:]
+        x_m = float(x_m)
+        if len(instance) > 1:
+            raise ValueError
+    except ValueError:
         print("use: python3 genorm_ipc.py X_M [INSTANCE]", file=sys.stderr)
         return 2
     try:
-        client = Client.connect(*sys.argv[2:])
-        goal_id = client.send_goal(float(sys.argv[1]))
+        client = Client.connect(*instance)
+        goal_id = client.send_goal(x_m)
         status = client.wait_status(lambda s: s.judged_goal_id == goal_id)
         print(f"goal {goal_id}: {Reason(status.judged_reason).name}")
         if status.judged_reason != Reason.ACCEPTED:
@@ -455,7 +460,7 @@ def main():
         status = client.wait_status(lambda s: s.finished_goal_id == goal_id, patience_s=60)
         print(f"goal {goal_id} ended: {Reason(status.finished_reason).name}")
         return 0 if status.finished_reason == Reason.DONE else 1
-    except (NotConnected, TimeoutError, ValueError) as error:
+    except (NotConnected, TimeoutError) as error:
         print(f"genorm_ipc: {error}", file=sys.stderr)
         return 1
 

@@ -6,11 +6,15 @@ Needs CPython alone: `python3 test_bridges.py`.
 import contextlib
 import io
 import math
+import sys
 import time
+import types
 import unittest
 import xml.etree.ElementTree as ElementTree
+from unittest import mock
 
 import xarm7_mjcf
+import xarm_bridge
 from arm_bridge import RECOVERY_PAUSE_S, ArmError, Bridge
 from genorm_ipc import JOINTS, Gripper, JointTarget, Phase
 from xarm_bridge import GRIPPER_CLOSED, GRIPPER_OPEN, XArm
@@ -174,6 +178,24 @@ class Errors(WithFakes):
         self.api.error_code = 2
         with self.assertRaises(ArmError):
             XArm(self.api)
+
+
+class NoArm(unittest.TestCase):
+    def test_an_address_without_an_arm_is_said_in_one_line(self):
+        def connect(*arguments, **options):
+            raise Exception("connect socket failed")
+
+        errors = io.StringIO()
+        sdk = {"xarm": types.ModuleType("xarm"), "xarm.wrapper": types.ModuleType("xarm.wrapper")}
+        sdk["xarm.wrapper"].XArmAPI = connect
+        with (
+            mock.patch.dict(sys.modules, sdk),
+            mock.patch.object(sys, "argv", ["xarm_bridge.py", "192.0.2.1"]),
+            contextlib.redirect_stderr(errors),
+        ):
+            self.assertEqual(xarm_bridge.main(), 1)
+        self.assertIn("192.0.2.1", errors.getvalue())
+        self.assertEqual(len(errors.getvalue().splitlines()), 1)
 
 
 class Model(unittest.TestCase):

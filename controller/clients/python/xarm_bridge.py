@@ -109,7 +109,16 @@ def main():
         print("xarm_bridge: the vendor's SDK is missing: pip install xarm-python-sdk", file=sys.stderr)
         return 1
     try:
-        arm_bridge.run(XArm(XArmAPI(arguments.address, is_radian=True)), arguments.instance, arguments.seconds)
+        api = XArmAPI(arguments.address, is_radian=True)
+    # The SDK raises plain exceptions.
+    except Exception as error:
+        print(
+            f"xarm_bridge: no arm answers at {arguments.address} ({error}): is the control box on and reachable?",
+            file=sys.stderr,
+        )
+        return 1
+    try:
+        arm_bridge.run(XArm(api), arguments.instance, arguments.seconds)
     except (ArmError, NotConnected) as error:
         print(f"xarm_bridge: {error}", file=sys.stderr)
         return 1

@@ -16,7 +16,7 @@ use iceoryx2::prelude::Config;
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::blob::Blob;
 use shared::messages::{CommandKind, Phase, RobotState, Status};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::time::{Duration, Instant};
 
@@ -53,8 +53,9 @@ pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)>
         let mut bridge = Bridge::new(&node)?;
         session.announce()?;
         let (told_arm, told_client) = (report.clone(), report);
+        let target_ns = rate.cycle_ns() * u64::from(rate.cycles_per_target());
         let arm = scope.spawn(move || play_arm(instance.name(), queues, &told_arm));
-        let client = scope.spawn(move || send_goals(blob, instance.name(), queues, &told_client));
+        let client = scope.spawn(move || send_goals(blob, target_ns, instance.name(), queues, &told_client));
         if ready.recv().is_ok() && ready.recv().is_ok() {
             go.send(())?;
         } else {
@@ -133,8 +134,31 @@ fn play_arm(instance: &str, queues: &Queues, ready: &Sender<()>) -> Result<()> {
     Ok(())
 }
 
+/// Goals sent by this process; slices of one measurement go on from one another.
+static ARRIVALS: AtomicU64 = AtomicU64::new(0);
+
+/// When to send the next goal: at the next instant with the next phase of the period. Phases step by the
+/// golden ratio, so any number of them is spread evenly over the period, wherever the loop's grid lies.
+fn next_arrival_ns(now_ns: u64, period_ns: u64) -> u64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_8;
+    let k = ARRIVALS.fetch_add(1, Ordering::Relaxed);
+    let phase_ns = ((k as f64 * GOLDEN).fract() * period_ns as f64) as u64;
+    let first_ns = now_ns - now_ns % period_ns + phase_ns;
+    if first_ns < now_ns {
+        first_ns + period_ns
+    } else {
+        first_ns
+    }
+}
+
 /// One goal after the other, each cancelled soon, so that many can be timed.
-fn send_goals(blob: &Blob, instance: &str, queues: &Queues, ready: &Sender<()>) -> Result<()> {
+fn send_goals(
+    blob: &Blob,
+    period_ns: u64,
+    instance: &str,
+    queues: &Queues,
+    ready: &Sender<()>,
+) -> Result<()> {
     let mut client = Client::connect(instance, PATIENCE)?;
     ready.send(())?;
     let reach_m = blob.ropes[0].reach_m;
@@ -143,8 +167,7 @@ fn send_goals(blob: &Blob, instance: &str, queues: &Queues, ready: &Sender<()>) 
         if ends(queues) {
             break;
         }
-        // Spread over the period, in steps that repeat only after a thousand goals.
-        std::thread::sleep(Duration::from_micros(k * 7919 % 10_000));
+        clock::sleep_until(next_arrival_ns(clock::now_ns(), period_ns));
         client.send_goal(0, reach_m.at((k % 100) as f64 * 0.01))?;
         std::thread::sleep(SERVED);
         client.send_command(CommandKind::Cancel)?;
@@ -163,4 +186,22 @@ fn wait_until_idle(client: &mut Client, queues: &Queues) -> Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn goals_arrive_evenly_over_the_period() {
+        const BINS: u64 = 10;
+        let mut counts = [0; BINS as usize];
+        for k in 0..500 {
+            let now_ns = 1_000_000_000 + 20_050_000 * k;
+            let at_ns = next_arrival_ns(now_ns, 4_000_000);
+            assert!((now_ns..now_ns + 4_000_000).contains(&at_ns));
+            counts[(at_ns % 4_000_000 * BINS / 4_000_000) as usize] += 1;
+        }
+        assert!(counts.iter().all(|count| (48..=52).contains(count)), "{counts:?}");
+    }
 }

@@ -60,12 +60,17 @@ pub struct Report {
 pub struct LoopReport {
     /// Cycles missed.
     pub missed: u64,
-    /// How late the loop woke.
+    /// How late the loop woke after the instant that it asked for, a little before a turn is due.
     pub wake: Percentiles,
     /// How late cyclictest woke.
     pub cyclictest: Option<Percentiles>,
     /// The loop's 99th percentile over cyclictest's.
     pub wake_p99_ratio: Option<f64>,
+    /// How long the first plan after a wake-up took, cold and before the turn: without it a goal's turn would
+    /// take that much longer.
+    pub plan_ahead: Percentiles,
+    /// How late turns began.
+    pub start: Percentiles,
     /// Deviation of the time between two turns from the nominal period.
     pub jitter: Percentiles,
     /// How long a turn took, planning of goals included.
@@ -74,6 +79,8 @@ pub struct LoopReport {
     pub answer: Percentiles,
     /// From a client's goal to its first target, through iceoryx2 and the bridge.
     pub goal_to_first_target: Percentiles,
+    /// Goals among them that waited longer than one period of the targets.
+    pub goals_beyond_period: u64,
     /// What the loop asked for besides time.
     pub cost: Cost,
 }
@@ -87,6 +94,10 @@ struct Noted {
 
 /// Runs the loop with a bridge, a perfect arm and a client under both loads, then times the parts.
 pub fn run(settings: &Settings) -> Result<Report> {
+    // Before the measurement, which takes its time, and not after it.
+    if let Some(folder) = settings.histograms {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
     let _awake = rt::keep_processors_awake();
     let processors = rt::processors();
     let mut missing = None;
@@ -97,7 +108,6 @@ pub fn run(settings: &Settings) -> Result<Report> {
         others => Some(saturated(others, || measure(settings, &mut missing))?),
     };
     if let Some(folder) = settings.histograms {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         write_histograms(folder, "idle", &idle)?;
         if let Some(saturated) = &saturated {
             write_histograms(folder, "saturated", saturated)?;
@@ -174,10 +184,13 @@ impl Noted {
             wake,
             cyclictest,
             wake_p99_ratio: cyclictest.map(|other| wake.p99_ns as f64 / other.p99_ns as f64),
+            plan_ahead: self.timing.plan(),
+            start: self.timing.start(),
             jitter: self.timing.jitter(),
             turn: self.timing.turn(),
             answer: self.timing.answer(),
             goal_to_first_target: self.timing.goal(),
+            goals_beyond_period: self.timing.goals_beyond_period(),
             cost: self.timing.cost(),
         }
     }
@@ -187,6 +200,7 @@ fn write_histograms(folder: &Path, load: &str, noted: &Noted) -> Result<()> {
     let timing = &noted.timing;
     let mut tables = vec![
         ("wake", timing.wake_histogram()),
+        ("start", timing.start_histogram()),
         ("jitter", timing.jitter_histogram()),
         ("turn", timing.turn_histogram()),
         ("goal-to-first-target", timing.goal_histogram()),

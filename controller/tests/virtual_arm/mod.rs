@@ -29,6 +29,8 @@ pub struct World {
     pub follows: bool,
     /// Whether the arm's driver reads the targets.
     pub reads: bool,
+    /// Whether the controller plans before each cycle for the goal that the cycle brings, as the loop does.
+    pub plans_ahead: bool,
     cycle_ns: u64,
     pub targets: Vec<JointTarget>,
     pub status: Status,
@@ -73,6 +75,7 @@ impl World {
             arm: Some(arm_at(LEVEL_POSTURE_RAD)),
             follows: true,
             reads: true,
+            plans_ahead: false,
             targets: Vec::new(),
             status: Status::default(),
             latched: Vec::new(),
@@ -91,6 +94,10 @@ impl World {
 
     pub fn cycle(&mut self) -> Output {
         self.now_ns += self.cycle_ns;
+        if self.plans_ahead {
+            let goal = self.next.goal.unwrap_or_else(|| self.controller.likely_goal());
+            self.controller.prepare(&goal);
+        }
         if let Some(arm) = &mut self.arm {
             arm.seq += 1;
             arm.stamp_ns = self.now_ns;
