@@ -3,7 +3,7 @@
 
 use offline::bench_diagnosis::cells::{Cell, Extent, matrix};
 use offline::bench_diagnosis::reality::Reality;
-use offline::bench_diagnosis::run::{Answer, Said, run};
+use offline::bench_diagnosis::run::{Answer, Said, file, run};
 use offline::bench_diagnosis::{counted, table, truth};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -44,15 +44,14 @@ fn finished_answers_stay_and_missing_ones_are_made_the_same_again() {
 
     // The other cell has an answer that tells whether it is kept; the first one's is cut short, as no write
     // of ours leaves it, and has to be made again.
-    let file = |cell: &Cell| out.join("cells").join(format!("{}.json", cell.name()));
     let marked = Answer {
         cell: cells[1].clone(),
         words: "kept".into(),
         ..first.clone()
     };
-    std::fs::write(file(&marked.cell), serde_json::to_vec(&marked).unwrap()).unwrap();
-    let whole = std::fs::read(file(&first.cell)).unwrap();
-    std::fs::write(file(&first.cell), &whole[..whole.len() / 2]).unwrap();
+    std::fs::write(file(out, &marked.cell), serde_json::to_vec(&marked).unwrap()).unwrap();
+    let whole = std::fs::read(file(out, &first.cell)).unwrap();
+    std::fs::write(file(out, &first.cell), &whole[..whole.len() / 2]).unwrap();
 
     let second = run(&cells, out, &|_| {}).unwrap();
     assert_eq!(without_time(&second[0]), without_time(&first));

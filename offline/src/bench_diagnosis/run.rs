@@ -14,7 +14,7 @@ use crate::run_files::write_whole;
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// The kind of a verdict.
@@ -82,6 +82,11 @@ pub struct Answer {
     pub wall_s: f64,
 }
 
+/// The file of a cell's answer.
+pub fn file(out: &Path, cell: &Cell) -> PathBuf {
+    out.join("cells").join(format!("{}.json", cell.name()))
+}
+
 /// Answers of all cells whose truth is there, those of earlier runs included. Where a truth of G2 is not
 /// there it is made; those of other realities are only read. Cells whose cause cannot be so strong are
 /// left out; `told` hears why, and of every answer.
@@ -95,7 +100,7 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
         .iter()
         .par_bridge()
         .map(|cell| -> anyhow::Result<Option<Answer>> {
-            let path = out.join("cells").join(format!("{}.json", cell.name()));
+            let path = file(out, cell);
             let earlier = std::fs::read(&path).ok();
             if let Some(answer) = earlier.and_then(|bytes| serde_json::from_slice::<Answer>(&bytes).ok()) {
                 finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);

@@ -18,7 +18,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
     };
-    let chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
+    let mut chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
     anyhow::ensure!(
         !chosen.is_empty(),
         "no cell's name contains any of {:?}: look at the names with --list",
@@ -29,6 +29,9 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
             println!("{}", cell.name());
         }
         return Ok(());
+    }
+    if arguments.count {
+        chosen.retain(|cell| run::file(&arguments.out, cell).exists());
     }
     if chosen.iter().all(|cell| cell.world == "g2") {
         reporter.say(

@@ -160,6 +160,9 @@ struct BenchDiagnosisArguments {
     /// Print the cells' names and stop.
     #[arg(long)]
     list: bool,
+    /// Count the answers that are there; diagnose nothing.
+    #[arg(long)]
+    count: bool,
     /// Folder of truths, answers and tables; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/bench-diagnosis")]
     out: PathBuf,

@@ -42,8 +42,8 @@ pub struct LoopOptions {
 }
 
 /// A part of the method that can be left out, to see what it is worth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Part {
     /// Correlated noise is taken out before anything is tested.
     Whitening,
