@@ -1,6 +1,7 @@
 //! From one measured demonstration to a frozen policy: simulator, effects, demos, fitting,
 //! diagnosis, datasets, training, evaluation and reports, in the order in which data flows.
 
+pub mod bench_diagnosis;
 pub mod collect;
 pub mod demo;
 pub mod diagnose;

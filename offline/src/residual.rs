@@ -72,9 +72,6 @@ impl ResidualMap {
     }
 }
 
-/// Fewest frames at rest from which noise is measured.
-const MIN_REST_FRAMES: usize = 4;
-
 /// Number of frames in which the rope lies still before any clamp moves or turns.
 pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
     const MOVED_M: f64 = 1e-4;
@@ -97,39 +94,6 @@ pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
         })
         .fold(f64::INFINITY, f64::min);
     times_s.iter().filter(|&&t| t < moves_at).count()
-}
-
-/// Factor between the scatter of the offsets over frames at rest and the scatter that the declared
-/// noise gives; none when the demonstrations show too few frames at rest. The mean over the frames is
-/// taken out per station, so it does not matter what the model predicts.
-pub fn noise_scale(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>]) -> Option<f64> {
-    let (mut seen, mut expected) = (0.0, 0.0);
-    for ((demo, rows), times) in demos.iter().zip(&evaluation.rows).zip(times_s) {
-        let frames = rest_frames(demo, times);
-        if frames < MIN_REST_FRAMES {
-            continue;
-        }
-        for station in 0..station_arcs_m(demo).len() {
-            let at: Vec<&Row> = rows
-                .iter()
-                .filter(|r| r.station == station && r.frame < frames)
-                .collect();
-            // Every frame has as many rows at a station: one per direction that was measured.
-            let in_first = at.iter().filter(|r| r.frame == at[0].frame).count();
-            let n = at.len() as f64 / in_first.max(1) as f64;
-            if n < MIN_REST_FRAMES as f64 {
-                continue;
-            }
-            let vector = |r: &Row| r.direction.map(|d| d * r.offset_m);
-            let mean: [f64; 3] = std::array::from_fn(|k| at.iter().map(|r| vector(r)[k]).sum::<f64>() / n);
-            for row in &at {
-                let along: f64 = (0..3).map(|k| mean[k] * row.direction[k]).sum();
-                seen += (row.offset_m - along).powi(2) * n / (n - 1.0);
-                expected += row.sigma_m * row.sigma_m;
-            }
-        }
-    }
-    (expected > 0.0).then(|| (seen / expected).sqrt())
 }
 
 /// A fitted rope that misses what was seen by more than this share of its length has explained

@@ -7,6 +7,7 @@ pub mod dynamics;
 pub mod effects;
 pub mod elastica;
 pub mod motion;
+pub mod reality;
 pub mod rod;
 pub mod sample_rope;
 pub mod scenes;

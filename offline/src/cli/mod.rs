@@ -1,5 +1,6 @@
 //! Command line of `offline`.
 
+mod bench_diagnosis;
 mod demos;
 mod import;
 mod progress;
@@ -51,6 +52,13 @@ enum Command {
     /// Verify the simulator against what is known exactly; exit code 1 when a case fails.
     #[command(after_help = "Example: offline verify --random 1000 --out runs/verify")]
     Verify(VerifyArguments),
+    /// Diagnose ropes whose missing cause is known, and count how often the answer is right.
+    #[command(
+        after_help = "Example: offline bench-diagnosis --quick --seeds 2 --threads 1 --out runs/bench-diagnosis\n\n\
+        The independent rod (G3) is no part of this program: cargo run --release -p tests --bin twin-truths -- \
+        --quick --seeds 2 --out runs/bench-diagnosis writes what it does into the same folder first."
+    )]
+    BenchDiagnosis(BenchDiagnosisArguments),
     /// Work with demonstration folders.
     #[command(subcommand)]
     Demo(DemoCommand),
@@ -134,6 +142,35 @@ struct VerifyArguments {
     out: Option<PathBuf>,
 }
 
+/// Which diagnoses are made and counted.
+#[derive(Args)]
+struct BenchDiagnosisArguments {
+    /// Part of the matrix: one noise, two strengths; a diagnosis takes about half a minute on one core.
+    #[arg(long)]
+    quick: bool,
+    /// Seeds per cell.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seeds: u64,
+    /// First seed. Quoted figures come from seeds 1 and up; 1001 and up are for work on the diagnosis.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    first_seed: u64,
+    /// Only cells whose name contains one of these.
+    #[arg(long, num_args = 1.., value_name = "TEXT")]
+    only: Vec<String>,
+    /// Print the cells' names and stop.
+    #[arg(long)]
+    list: bool,
+    /// Count the answers that are there; diagnose nothing.
+    #[arg(long)]
+    count: bool,
+    /// Folder of truths, answers and tables; a stopped run goes on there.
+    #[arg(long, value_name = "DIR", default_value = "runs/bench-diagnosis")]
+    out: PathBuf,
+    /// Threads; all cores by default. With one, the time of a cell is that of one core.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
 /// Exit code after Ctrl-C, as shells count it.
 const STOPPED: u8 = 130;
 
@@ -148,6 +185,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Evaluate(a) => runs::run(&a, Stage::Evaluate, json),
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
         Command::Verify(a) => verify::run(&a, json),
+        Command::BenchDiagnosis(a) => bench_diagnosis::run(&a, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
         Command::Demo(DemoCommand::Export(target)) => import::export(target, json),

@@ -6,12 +6,15 @@
 //! is calibrated by pseudo-data: the difference between the model on two grids, scaled up to the
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
+mod conclude;
 mod gates;
+mod noise;
 mod rounds;
 mod score;
 mod verdict;
 
 pub use gates::Gate;
-pub use rounds::{LoopOptions, Outcome, Refit, Round, close_loop, problems};
+pub use noise::Noise;
+pub use rounds::{LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
 pub use score::{Score, ScoreTable};
 pub use verdict::{ReasonCode, Verdict};

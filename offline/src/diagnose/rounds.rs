@@ -1,6 +1,8 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::gates::{Gate, excess_removed, refinement_gate, statistical_gates};
+use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
+use super::gates::{Gate, refinement_gate, statistical_gates};
+use super::noise::Noise;
 use super::score::{Score, ScoreProblem, ScoreTable};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::Demo;
@@ -10,7 +12,7 @@ use crate::fit::{
 };
 use crate::model::{Estimate, Structure};
 use crate::observe::bracket;
-use crate::residual::{ResidualSummary, noise_scale};
+use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +35,22 @@ pub struct LoopOptions {
     pub smallest_share: f64,
     /// Seed of the pseudo-data.
     pub seed: u64,
+    /// Effects of the library, as indices into [`effects::ALL`], that the loop does not know.
+    pub hidden: Vec<usize>,
+    /// What is left out of the method.
+    pub without: Option<Part>,
+}
+
+/// A part of the method that can be left out, to see what it is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// Correlated noise is taken out before anything is tested.
+    Whitening,
+    /// The cameras' pose is free in every score, and no effect is blamed for it.
+    Nuisances,
+    /// An effect has to stay the same on a finer grid.
+    Refinement,
 }
 
 impl LoopOptions {
@@ -49,6 +67,8 @@ impl LoopOptions {
             smallest_gain: 0.05,
             smallest_share: 0.3,
             seed,
+            hidden: Vec::new(),
+            without: None,
         }
     }
 }
@@ -106,12 +126,10 @@ pub struct Outcome {
     pub reasons: Vec<ReasonCode>,
     /// Measured over declared noise.
     pub noise_scale: Option<f64>,
+    /// Effects that fit as well as the last one found.
+    pub rivals: Vec<String>,
 }
 
-/// Residual over noise at which nothing is left to explain.
-const WHITE_FLOORS: f64 = 1.05;
-/// Share of the excess over the noise below which the effects found may stand in for others.
-const EXPLAINED_SHARE: f64 = 0.7;
 /// Last share of a demonstration that is held out when no other demonstration is.
 const HELD_OUT_SHARE: f64 = 0.3;
 
@@ -148,6 +166,7 @@ struct Bench<'a> {
     fit: Problem<'a>,
     held_out: Problem<'a>,
     finer: Problem<'a>,
+    noise: Noise,
 }
 
 impl<'a> Bench<'a> {
@@ -155,13 +174,26 @@ impl<'a> Bench<'a> {
         let (fit, held_out) = problems(demos, held_out, options)?;
         let mut finer = Problem::new(demos, options.finer)?;
         finer.frames = fit.frames;
-        Ok(Self { fit, held_out, finer })
+        Ok(Self {
+            fit,
+            held_out,
+            finer,
+            noise: Noise::DECLARED,
+        })
     }
 
-    fn set_noise_scale(&mut self, scale: f64) {
+    fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
         for problem in [&mut self.fit, &mut self.held_out, &mut self.finer] {
-            problem.noise_scale = scale;
+            problem.noise_scale = noise.scale;
         }
+        self.noise = if options.without == Some(Part::Whitening) {
+            Noise {
+                scale: noise.scale,
+                ..Noise::DECLARED
+            }
+        } else {
+            noise
+        };
     }
 }
 
@@ -180,11 +212,11 @@ pub fn close_loop(
     progress("fitting the base model from several starts");
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
     let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
-    let noise = noise_scale(demos, &base.best, &times);
-    if let Some(scale) = noise {
-        bench.set_noise_scale(scale);
+    let noise = Noise::at_rest(demos, &base.best, &times);
+    if let Some(noise) = noise {
+        bench.set_noise(noise, options);
         for row in base.best.rows.iter_mut().flatten() {
-            row.sigma_m *= scale;
+            row.sigma_m *= noise.scale;
         }
     }
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
@@ -194,6 +226,7 @@ pub fn close_loop(
     let mut rivals = Vec::new();
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
+        && !only_numerical(&fitted, &rounds)
     {
         let (round, winner) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
         let done = winner.is_none();
@@ -207,22 +240,15 @@ pub fn close_loop(
         }
     }
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
-    let (verdict, mut reasons) = conclude(
-        &structure,
-        &fitted,
-        &rounds,
-        &rivals,
-        demos.len(),
-        held_out.len(),
-        noise,
-    );
-    let removed = excess_removed(
-        &ResidualSummary::of(&base.best),
-        &ResidualSummary::of(&fitted.best),
-    );
-    if !structure.effects.is_empty() && removed < EXPLAINED_SHARE {
-        reasons.push(ReasonCode::ProxySuspected);
-    }
+    let (verdict, reasons) = conclude(&Facts {
+        structure: &structure,
+        base: &ResidualSummary::of(&base.best),
+        fitted: &fitted,
+        rounds: &rounds,
+        rivals: &rivals,
+        demos: [demos.len(), held_out.len()],
+        pure_error: noise.is_some(),
+    });
     Ok(Outcome {
         structure,
         fitted,
@@ -232,8 +258,17 @@ pub fn close_loop(
         rounds,
         verdict,
         reasons,
-        noise_scale: noise,
+        noise_scale: noise.map(|n| n.scale),
+        rivals,
     })
+}
+
+/// Whether the last round explained everything but what the simulation itself is known to be off by. No
+/// further effect could be believed, and a round takes as long as all before it.
+fn only_numerical(fitted: &FitResult, rounds: &[Round]) -> bool {
+    rounds
+        .last()
+        .is_some_and(|round| round.accepted.is_some() && excess_mm(fitted) <= round.table.discretisation_mm)
 }
 
 impl Bench<'_> {
@@ -281,7 +316,7 @@ fn one_round(
         .par_iter()
         .filter_map(|score| refit(bench, structure, fitted, score, (&now, held_now), options).ok())
         .collect();
-    let (refits, winner, tied) = choose(bench, tried, progress)?;
+    let (refits, winner, tied) = choose(bench, tried, options, progress)?;
     let accepted = winner.as_ref().map(|w| w.3.clone());
     let round = Round {
         known: structure
@@ -298,13 +333,19 @@ fn one_round(
 
 /// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
 /// those that tie with it.
-fn choose(bench: &Bench, mut tried: Vec<Tried>, progress: &dyn Fn(&str)) -> Result<Chosen, FitError> {
+fn choose(
+    bench: &Bench,
+    mut tried: Vec<Tried>,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Chosen, FitError> {
+    let refined = options.without != Some(Part::Refinement);
     tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
     let mut winner = None;
     let mut refits = Vec::new();
     let mut tied = Vec::new();
     for (mut refit, next_structure, next_fit) in tried {
-        if winner.is_none() && refit.passed {
+        if refined && winner.is_none() && refit.passed {
             progress(&format!("checking {} on a finer grid", refit.id));
             let gate = refine(bench, &next_structure, &next_fit)?;
             refit.passed &= gate.passed;
@@ -365,7 +406,7 @@ fn score(
     let mut wide = structure.clone();
     let mut wide_theta = theta.to_vec();
     for (index, spec) in effects::ALL.iter().enumerate() {
-        if !structure.effects.contains(&index) {
+        if !structure.effects.contains(&index) && !options.hidden.contains(&index) {
             wide.effects.push(index);
             wide_theta.extend(spec.parameters.iter().map(|p| p.vanishes_at));
         }
@@ -386,7 +427,9 @@ fn score(
         }));
     }
     let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
-    Ok(ScoreProblem::new(&evaluation, &wide, structure).table(&errors, &sigmas, options.seed))
+    let nuisances = options.without != Some(Part::Nuisances);
+    let problem = ScoreProblem::new(&evaluation, &wide, structure, &bench.noise, nuisances);
+    Ok(problem.table(&errors, &sigmas, options.seed))
 }
 
 /// Estimated discretisation error of a prediction, m.
@@ -487,97 +530,4 @@ fn refine(bench: &Bench, structure: &Structure, fitted: &FitResult) -> Result<Ga
         &change(&fine.best.theta),
         &errors,
     ))
-}
-
-fn conclude(
-    structure: &Structure,
-    fitted: &FitResult,
-    rounds: &[Round],
-    rivals: &[String],
-    demos: usize,
-    held_out: usize,
-    noise: Option<f64>,
-) -> (Verdict, Vec<ReasonCode>) {
-    let now = ResidualSummary::of(&fitted.best);
-    let mut reasons = Vec::new();
-    if noise.is_none() {
-        reasons.push(ReasonCode::NoPureError);
-    }
-    if demos == 1 {
-        reasons.push(ReasonCode::OneDemonstration);
-    }
-    if held_out == 0 {
-        reasons.push(ReasonCode::HeldOutInTime);
-    }
-    let excess_mm = (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt();
-    let numerical = rounds
-        .last()
-        .is_some_and(|r| excess_mm <= r.table.discretisation_mm);
-    let white = now.floors <= WHITE_FLOORS;
-    if !white {
-        reasons.push(if numerical {
-            ReasonCode::Numerical
-        } else {
-            ReasonCode::Partial
-        });
-    }
-    let verdict = if structure.effects.is_empty() {
-        if white || numerical && rounds.last().is_some_and(|r| r.refits.is_empty()) {
-            Verdict::NothingMissing
-        } else {
-            Verdict::Unexplained {
-                hint: hint(&fitted.best),
-            }
-        }
-    } else {
-        explained(structure, fitted, rivals)
-    };
-    (verdict, reasons)
-}
-
-fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Verdict {
-    let mut effects_found: Vec<String> = structure
-        .effects
-        .iter()
-        .map(|&e| effects::ALL[e].id.to_owned())
-        .collect();
-    if !rivals.is_empty() {
-        // Earlier effects stand; only the last one has rivals.
-        let mut alike = effects_found.split_off(effects_found.len() - 1);
-        alike.extend(rivals.iter().cloned());
-        return Verdict::Confounded {
-            effects: alike,
-            separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
-                                       rope gripped at its other end, changes their ratio"
-                .into(),
-        };
-    }
-    let all = estimates(&fitted.best, structure);
-    Verdict::Explained {
-        effects: effects_found,
-        parameters: all[2..].to_vec(),
-    }
-}
-
-/// Where and when the residual is largest.
-fn hint(evaluation: &Evaluation) -> String {
-    let largest = evaluation
-        .rows
-        .iter()
-        .enumerate()
-        .flat_map(|(d, rows)| rows.iter().map(move |r| (d, r)))
-        .max_by(|a, b| a.1.offset_m.abs().total_cmp(&b.1.offset_m.abs()));
-    match largest {
-        Some((demo, row)) => format!(
-            "the largest offset, {:.1} mm along ({:.1}, {:.1}, {:.1}), is at s = {:.3} m in frame {} of demonstration {}",
-            1e3 * row.offset_m,
-            row.direction[0],
-            row.direction[1],
-            row.direction[2],
-            row.arc_m,
-            row.frame,
-            demo + 1
-        ),
-        None => "nothing was measured".into(),
-    }
 }

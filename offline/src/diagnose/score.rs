@@ -1,5 +1,6 @@
 //! Scores of all effects that the model lacks, from one pass of tangents.
 
+use super::noise::{Noise, Whitener};
 use crate::effects;
 use crate::fit::Evaluation;
 use crate::model::{ParameterInfo, Structure};
@@ -69,6 +70,9 @@ const FAMILY_COSINE: f64 = 0.95;
 pub struct ScoreProblem {
     residual: DVector<f64>,
     always: DMatrix<f64>,
+    /// The same columns before the noise's correlation is taken out.
+    coloured: DMatrix<f64>,
+    whitener: Whitener,
     always_precision: Vec<f64>,
     /// How many of the columns are parameters of the model; cameras follow.
     known: usize,
@@ -87,13 +91,32 @@ struct Block {
 
 impl ScoreProblem {
     /// From an evaluation of the structure with every remaining effect appended at its vanishing
-    /// value; `known` is the structure without them.
-    pub fn new(wide: &Evaluation, wide_structure: &Structure, known: &Structure) -> Self {
-        let residual = wide.whitened();
-        let jacobian = wide.whitened_jacobian();
+    /// value; `known` is the structure without them, `noise` what the offsets have in common, and
+    /// `nuisances` says whether the cameras' pose is free.
+    pub fn new(
+        wide: &Evaluation,
+        wide_structure: &Structure,
+        known: &Structure,
+        noise: &Noise,
+        nuisances: bool,
+    ) -> Self {
+        let whitener = noise.whitener(wide);
+        let residual = whitened_vector(&whitener, wide.whitened());
+        let plain = wide.whitened_jacobian();
+        let jacobian = whitener.apply(&plain);
         let info = wide_structure.parameters();
         let n_known = known.parameters().len();
-        let cameras = camera_columns(wide);
+        let cameras = if nuisances {
+            camera_columns(wide)
+        } else {
+            DMatrix::zeros(wide.len(), 0)
+        };
+        let mut coloured = DMatrix::zeros(residual.len(), n_known + cameras.ncols());
+        coloured
+            .columns_mut(0, n_known)
+            .copy_from(&plain.columns(0, n_known));
+        coloured.columns_mut(n_known, cameras.ncols()).copy_from(&cameras);
+        let cameras = whitener.apply(&cameras);
         let mut always = DMatrix::zeros(residual.len(), n_known + cameras.ncols());
         always
             .columns_mut(0, n_known)
@@ -127,6 +150,8 @@ impl ScoreProblem {
         Self {
             residual,
             always,
+            coloured,
+            whitener,
             always_precision,
             known: n_known,
             blocks,
@@ -150,11 +175,13 @@ impl ScoreProblem {
     /// prediction, `sigma_m` the rows' standard errors.
     pub fn table(&self, discretisation_m: &[f64], sigma_m: &[f64], seed: u64) -> ScoreTable {
         let views = self.views();
-        let whitened: DVector<f64> = DVector::from_iterator(
+        let over_noise: DVector<f64> = DVector::from_iterator(
             sigma_m.len(),
             discretisation_m.iter().zip(sigma_m).map(|(d, s)| d / s),
         );
-        let numerical = views[0].solver.remove_vector(&whitened);
+        let plain = Projector::new(self.coloured.clone(), &self.always_precision);
+        let numerical = plain.remove_vector(&over_noise);
+        let whitened = whitened_vector(&self.whitener, over_noise);
         let discretisation_mm = 1e3
             * (numerical
                 .iter()
@@ -253,6 +280,13 @@ impl ScoreProblem {
         let factor = quantile(largest.collect());
         own.iter().map(|q| q * factor).collect()
     }
+}
+
+fn whitened_vector(whitener: &Whitener, vector: DVector<f64>) -> DVector<f64> {
+    whitener
+        .apply(&DMatrix::from_columns(&[vector]))
+        .column(0)
+        .into_owned()
 }
 
 /// The point that [`QUANTILE`] of the values do not exceed.

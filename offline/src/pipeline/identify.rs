@@ -51,6 +51,7 @@ struct DiagnosisFile {
     verdict_in_words: String,
     reasons: Vec<ReasonCode>,
     noise_scale: Option<f64>,
+    rivals: Vec<String>,
     fit_before: ResidualSummary,
     fit_after: ResidualSummary,
     held_out_before: ResidualSummary,
@@ -142,6 +143,7 @@ fn restore(
         verdict: diagnosis.verdict,
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
+        rivals: diagnosis.rivals,
     })
 }
 
@@ -176,6 +178,7 @@ fn save(run: &RunFolder, key: u64, outcome: &Outcome) -> anyhow::Result<()> {
         verdict_in_words: outcome.verdict.to_string(),
         reasons: outcome.reasons.clone(),
         noise_scale: outcome.noise_scale,
+        rivals: outcome.rivals.clone(),
         fit_before: ResidualSummary::of(&outcome.base.best),
         fit_after: ResidualSummary::of(&outcome.fitted.best),
         held_out_before: ResidualSummary::of(&outcome.held_out_before),

@@ -159,6 +159,7 @@ fn outcome() -> Outcome {
         },
         reasons: Vec::new(),
         noise_scale: None,
+        rivals: Vec::new(),
     }
 }
 

@@ -1,0 +1,279 @@
+//! Diagnoses cells and keeps every answer in a file of its own, so that a run that was stopped goes on
+//! where it stopped.
+
+use super::cells::Cell;
+use super::experiment::{FITTED, MOTIONS};
+use super::reality::{Finer, Reality};
+use super::truth::{self, Truth};
+use crate::demo::Demo;
+use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Verdict, close_loop};
+use crate::effects;
+use crate::fit::{Resolution, estimates};
+use crate::residual::ResidualSummary;
+use crate::run_files::write_whole;
+use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The kind of a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Said {
+    /// Nothing is missing.
+    Nothing,
+    /// These effects are.
+    Explained,
+    /// One of these is.
+    Confounded,
+    /// Something is, and it is not known what.
+    Unexplained,
+    /// The diagnosis stopped with an error.
+    Failed,
+}
+
+/// A parameter of an effect that was found, beside the truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Value {
+    /// `<effect>.<parameter>`.
+    pub name: String,
+    /// Estimate.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// What it is in truth; none where the effect is not at work.
+    pub truth: Option<f64>,
+    /// Difference of the truth from nothing, in smallest sizes of interest: the largest of an effect's
+    /// parameters leads it.
+    pub size: f64,
+    /// Where the effect vanishes.
+    pub vanishes_at: f64,
+}
+
+/// What the diagnosis said of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// The cell.
+    pub cell: Cell,
+    /// Kind of the verdict.
+    pub said: Said,
+    /// The verdict in words, or the error.
+    pub words: String,
+    /// Reasons for caution.
+    pub reasons: Vec<ReasonCode>,
+    /// Effects that were accepted, in order, whatever the verdict makes of them.
+    pub accepted: Vec<String>,
+    /// Effects that the verdict names.
+    pub named: Vec<String>,
+    /// Effects that the verdict holds to be possible: those named and their rivals.
+    pub set: Vec<String>,
+    /// Parameters of what was named.
+    pub values: Vec<Value>,
+    /// Held-out error of base model and final model, and the noise floor there, mm.
+    pub held_out_mm: [f64; 3],
+    /// Error where fitted, of base model and final model, and the noise floor there, mm.
+    pub fitted_mm: [f64; 3],
+    /// Discretisation error that the first round estimated, mm.
+    pub discretisation_mm: f64,
+    /// Every refit: effect and the gates that it failed.
+    pub refits: Vec<(String, Vec<String>)>,
+    /// Time of the diagnosis, s.
+    pub wall_s: f64,
+}
+
+/// The file of a cell's answer.
+pub fn file(out: &Path, cell: &Cell) -> PathBuf {
+    out.join("cells").join(format!("{}.json", cell.name()))
+}
+
+/// Answers of all cells whose truth is there, those of earlier runs included. Where a truth of G2 is not
+/// there it is made; those of other realities are only read. Cells whose cause cannot be so strong are
+/// left out; `told` hears why, and of every answer.
+///
+/// # Errors
+/// A file cannot be read or written, or the rope without a cause cannot be simulated.
+pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Vec<Answer>> {
+    let finished = std::sync::atomic::AtomicUsize::new(0);
+    // A bridge hands the cells out in their order, so that a run that is stopped has the first of them.
+    let answers = cells
+        .iter()
+        .par_bridge()
+        .map(|cell| -> anyhow::Result<Option<Answer>> {
+            let path = file(out, cell);
+            let earlier = std::fs::read(&path).ok();
+            if let Some(answer) = earlier.and_then(|bytes| serde_json::from_slice::<Answer>(&bytes).ok()) {
+                finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                return Ok(Some(answer));
+            }
+            let answer = match truth_of(cell, out)? {
+                Ok(truth) => ask(cell, &truth),
+                Err(reason) => {
+                    told(&format!("{} is left out: {reason}", cell.name()));
+                    return Ok(None);
+                }
+            };
+            write_whole(&path, &serde_json::to_vec_pretty(&answer)?)?;
+            let done = finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            told(&format!(
+                "{done} of {}: {} in {:.0} s: {}",
+                cells.len(),
+                cell.name(),
+                answer.wall_s,
+                answer.words
+            ));
+            Ok(Some(answer))
+        })
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let mut answers: Vec<Answer> = answers.into_iter().flatten().collect();
+    answers.sort_by_key(|answer| answer.cell.name());
+    Ok(answers)
+}
+
+/// What happened in a cell, or why there is no such thing.
+fn truth_of(cell: &Cell, out: &Path) -> anyhow::Result<Result<Truth, String>> {
+    let folder = out.join("truths");
+    let key = cell.truth();
+    let truth = if cell.world == Finer.name() {
+        Some(truth::make(&Finer, &key, &folder)?)
+    } else {
+        truth::read(&folder, &key)?
+    };
+    Ok(match truth {
+        None => Err(format!("{} was not made", truth::file(&folder, &key).display())),
+        Some(truth) => match truth.missing.clone() {
+            Some(reason) => Err(reason),
+            None => Ok(truth),
+        },
+    })
+}
+
+/// Spoils the truth of a cell with noise and diagnoses it.
+pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
+    let demos: Vec<Demo> = MOTIONS
+        .iter()
+        .zip(&truth.tracks)
+        .enumerate()
+        .map(|(i, (motion, track))| {
+            motion.demo(
+                track,
+                1e-3 * cell.noise_mm,
+                cell.noise_seed().wrapping_add(i as u64),
+            )
+        })
+        .collect();
+    let (fit, held_out) = demos.split_at(FITTED);
+    let mut options = LoopOptions::new(
+        Resolution {
+            cells: MIN_CELLS_PER_DIAMETER,
+        },
+        cell.noise_seed(),
+    );
+    options.without = cell.without;
+    if cell.hidden {
+        options.hidden = cell.causes.iter().filter_map(|id| effects::find(id)).collect();
+    }
+    let start = Instant::now();
+    let fit: Vec<&Demo> = fit.iter().collect();
+    let held_out: Vec<&Demo> = held_out.iter().collect();
+    match close_loop(&fit, &held_out, &options, &|_| {}) {
+        Ok(outcome) => answer(cell, truth, &outcome, start.elapsed().as_secs_f64()),
+        Err(error) => failed(cell, error.to_string(), start.elapsed().as_secs_f64()),
+    }
+}
+
+fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
+    Answer {
+        cell: cell.clone(),
+        said: Said::Failed,
+        words,
+        reasons: Vec::new(),
+        accepted: Vec::new(),
+        named: Vec::new(),
+        set: Vec::new(),
+        values: Vec::new(),
+        held_out_mm: [0.0; 3],
+        fitted_mm: [0.0; 3],
+        discretisation_mm: 0.0,
+        refits: Vec::new(),
+        wall_s,
+    }
+}
+
+fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer {
+    let id = |&e: &usize| effects::ALL[e].id.to_owned();
+    let accepted: Vec<String> = outcome.structure.effects.iter().map(id).collect();
+    let (said, named) = match &outcome.verdict {
+        Verdict::NothingMissing => (Said::Nothing, Vec::new()),
+        Verdict::Explained { .. } => (Said::Explained, accepted.clone()),
+        Verdict::Confounded { .. } => (Said::Confounded, accepted.clone()),
+        Verdict::Unexplained { .. } => (Said::Unexplained, Vec::new()),
+    };
+    let mut set = named.clone();
+    if said == Said::Confounded {
+        set.extend(outcome.rivals.iter().cloned());
+    }
+    let [before, after] =
+        [&outcome.held_out_before, &outcome.held_out_after].map(|e| ResidualSummary::of(e).rms_mm);
+    let floor = ResidualSummary::of(&outcome.held_out_after).floor_mm;
+    let fitted = ResidualSummary::of(&outcome.fitted.best);
+    Answer {
+        cell: cell.clone(),
+        said,
+        words: outcome.verdict.to_string(),
+        reasons: outcome.reasons.clone(),
+        accepted,
+        values: if named.is_empty() {
+            Vec::new()
+        } else {
+            values(truth, outcome)
+        },
+        named,
+        set,
+        held_out_mm: [before, after, floor],
+        fitted_mm: [
+            ResidualSummary::of(&outcome.base.best).rms_mm,
+            fitted.rms_mm,
+            fitted.floor_mm,
+        ],
+        discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
+        refits: outcome
+            .rounds
+            .iter()
+            .flat_map(|round| &round.refits)
+            .map(|refit| {
+                let missed = refit.gates.iter().filter(|g| !g.passed);
+                (refit.id.clone(), missed.map(|g| g.name.clone()).collect())
+            })
+            .collect(),
+        wall_s,
+    }
+}
+
+fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
+    let all = estimates(&outcome.fitted.best, &outcome.structure);
+    let mut rest = all[2..].iter();
+    let mut list = Vec::new();
+    for &effect in &outcome.structure.effects {
+        let spec = &effects::ALL[effect];
+        let true_values = truth
+            .parts
+            .iter()
+            .find(|part| part.id == spec.id)
+            .map(|p| &p.values);
+        for (k, (parameter, estimate)) in spec.parameters.iter().zip(&mut rest).enumerate() {
+            let truth = true_values.map(|values| values[k]);
+            list.push(Value {
+                name: estimate.name.clone(),
+                value: estimate.value,
+                standard_error: estimate.standard_error,
+                truth,
+                size: truth.map_or(0.0, |t| {
+                    (t - parameter.vanishes_at).abs() / parameter.smallest_of_interest
+                }),
+                vanishes_at: parameter.vanishes_at,
+            });
+        }
+    }
+    list
+}

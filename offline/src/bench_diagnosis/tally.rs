@@ -1,0 +1,483 @@
+//! Counts answers: the rows that the benchmark promises, and who was named for whom.
+
+use super::cells::Kind;
+use super::run::{Answer, Said, Value};
+use super::statistics::{Rate, median};
+use crate::diagnose::Part;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Effects that are one to first order: a clock that is off and a gripper that lags, wind and tilt.
+const FAMILIES: [[&str; 2]; 2] = [["gripper_lag", "clock_offset"], ["steady_wind", "tilted_gravity"]];
+/// Normal quantile of a two-sided 90 % interval.
+const NINETY: f64 = 1.644_853_627;
+/// Strength from which on a single effect has to be found nearly always, in noise floors.
+const CLEAR_FLOORS: f64 = 2.0;
+
+/// One line of the promised table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// What is counted.
+    pub what: String,
+    /// What was promised, in words.
+    pub target: String,
+    /// What was found.
+    pub figure: Figure,
+    /// Whether it is as promised; none where nothing was measured.
+    pub met: Option<bool>,
+}
+
+/// A measured figure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Figure {
+    /// A rate.
+    Rate(Rate),
+    /// A number, from so many answers.
+    Number(Option<f64>, usize),
+}
+
+/// Everything that is counted for one reality.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tally {
+    /// Name of the reality.
+    pub world: String,
+    /// The promised lines.
+    pub lines: Vec<Line>,
+    /// How often which effect was named first, by true cause: columns are effects and verdicts.
+    pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// The same lines of false alarm and wrong cause with a part of the method left out.
+    pub ablations: Vec<Line>,
+}
+
+fn same_family(a: &str, b: &str) -> bool {
+    a == b || FAMILIES.iter().any(|f| f.contains(&a) && f.contains(&b))
+}
+
+/// Whether the answer names any effect.
+fn alarmed(answer: &Answer) -> bool {
+    !answer.named.is_empty()
+}
+
+/// Whether the first effect named is the cause or of its family.
+fn right_first(answer: &Answer) -> bool {
+    let cause = &answer.cell.causes[0];
+    answer
+        .named
+        .first()
+        .is_some_and(|named| same_family(named, cause))
+}
+
+/// Whether a cause outside the library is called explained by something else.
+fn wrongly_explained(answer: &Answer) -> bool {
+    let wrong = |named: &String| answer.cell.causes.iter().all(|cause| !same_family(named, cause));
+    answer.said == Said::Explained && answer.named.iter().any(wrong)
+}
+
+fn found(answer: &Answer, cause: &str) -> bool {
+    answer.named.iter().any(|named| same_family(named, cause))
+}
+
+/// The parameter that leads the true effect, where it was named.
+fn leading(answer: &Answer) -> Option<&Value> {
+    let known = answer.values.iter().filter(|v| v.truth.is_some());
+    known.max_by(|a, b| a.size.total_cmp(&b.size))
+}
+
+/// Relative error of the leading parameter.
+fn value_error(value: &Value) -> f64 {
+    let truth = value.truth.unwrap_or(value.vanishes_at);
+    (value.value - truth).abs() / (truth - value.vanishes_at).abs()
+}
+
+fn covers(value: &Value) -> bool {
+    let truth = value.truth.unwrap_or(value.vanishes_at);
+    (value.value - truth).abs() <= NINETY * value.standard_error
+}
+
+/// Share of the held-out excess over the noise that the final model takes away.
+fn excess_removed(answer: &Answer) -> f64 {
+    let [before, after, floor] = answer.held_out_mm.map(|mm| mm * mm);
+    (before - after) / (before - floor).max(f64::MIN_POSITIVE)
+}
+
+fn rate(what: &str, target: &str, rate: Rate, met: impl Fn(f64) -> bool) -> Line {
+    Line {
+        what: what.into(),
+        target: target.into(),
+        figure: Figure::Rate(rate),
+        met: rate.share().map(met),
+    }
+}
+
+fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool) -> Line {
+    let count = values.len();
+    let middle = median(values);
+    Line {
+        what: what.into(),
+        target: target.into(),
+        figure: Figure::Number(middle, count),
+        met: middle.map(met),
+    }
+}
+
+/// Counts the answers about one reality. `value_target` is the largest median error of an effect's value.
+pub fn tally(world: &str, all: &[Answer], value_target: f64) -> Tally {
+    let mine: Vec<&Answer> = all.iter().filter(|a| a.cell.world == world).collect();
+    let whole: Vec<&Answer> = mine
+        .iter()
+        .copied()
+        .filter(|a| a.cell.without.is_none())
+        .collect();
+    let mut lines = single_lines(&whole, value_target);
+    lines.extend(other_lines(&whole));
+    Tally {
+        world: world.into(),
+        lines,
+        confusion: confusion(&whole),
+        ablations: ablations(&mine),
+    }
+}
+
+fn of_kind<'a>(answers: &[&'a Answer], kind: Kind) -> Vec<&'a Answer> {
+    answers
+        .iter()
+        .copied()
+        .filter(|a| a.cell.kind() == kind)
+        .collect()
+}
+
+fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
+    let single = of_kind(whole, Kind::Single);
+    let clear: Vec<&Answer> = single
+        .iter()
+        .copied()
+        .filter(|a| a.cell.floors >= CLEAR_FLOORS)
+        .collect();
+    let faint = single.iter().filter(|a| a.cell.floors == 1.0);
+    let right: Vec<&Answer> = clear
+        .iter()
+        .copied()
+        .filter(|a| a.named.contains(&a.cell.causes[0]))
+        .collect();
+    let leaders: Vec<&Value> = right.iter().filter_map(|a| leading(a)).collect();
+    let named = clear.iter().filter(|a| alarmed(a));
+    let sizes: Vec<f64> = named.map(|a| a.set.len() as f64).collect();
+    let mean = (!sizes.is_empty()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64);
+    vec![
+        rate(
+            "no effect in the data: any false alarm",
+            "at most 5 %",
+            Rate::of(of_kind(whole, Kind::Nothing).into_iter().map(alarmed)),
+            |p| p <= 0.05,
+        ),
+        rate(
+            "single effect, 2 floors or more: right family first",
+            "at least 95 %",
+            Rate::of(clear.iter().map(|a| right_first(a))),
+            |p| p >= 0.95,
+        ),
+        rate(
+            "single effect, 1 floor: right family first",
+            "at least 80 %",
+            Rate::of(faint.map(|a| right_first(a))),
+            |p| p >= 0.8,
+        ),
+        rate(
+            "truth inside the confidence set, 2 floors or more",
+            "at least 95 %",
+            Rate::of(clear.iter().map(|a| a.set.contains(&a.cell.causes[0]))),
+            |p| p >= 0.95,
+        ),
+        Line {
+            what: "mean size of the confidence set, where one is named".into(),
+            target: "at most 1.5".into(),
+            figure: Figure::Number(mean, sizes.len()),
+            met: mean.map(|m| m <= 1.5),
+        },
+        number(
+            "effect's value, median error",
+            &format!("at most {:.0} %", 100.0 * value_target),
+            leaders.iter().map(|v| value_error(v)).collect(),
+            |m| m <= value_target,
+        ),
+        rate(
+            "90 % intervals hold the truth",
+            "85 to 95 %",
+            Rate::of(leaders.iter().map(|v| covers(v))),
+            |p| (0.85..=0.95).contains(&p),
+        ),
+        number(
+            "held-out excess removed by the right effect, median share",
+            "at least 90 %",
+            right.iter().map(|a| excess_removed(a)).collect(),
+            |m| m >= 0.9,
+        ),
+    ]
+}
+
+fn other_lines(whole: &[&Answer]) -> Vec<Line> {
+    let foreign = of_kind(whole, Kind::Foreign);
+    let clear = |a: &&&Answer| a.cell.floors >= CLEAR_FLOORS;
+    let (hidden, outside): (Vec<&Answer>, Vec<&Answer>) =
+        foreign.iter().filter(clear).copied().partition(|a| a.cell.hidden);
+    let honest = |list: &[&Answer]| Rate::of(list.iter().map(|a| !wrongly_explained(a)));
+    let pairs = of_kind(whole, Kind::Pair);
+    let third = |a: &&Answer| {
+        let strange = |named: &String| a.cell.causes.iter().all(|c| !same_family(named, c));
+        a.named.iter().any(strange)
+    };
+    vec![
+        rate(
+            "effect outside the library: not called explained by a wrong cause",
+            "at least 90 %",
+            honest(&outside),
+            |p| p >= 0.9,
+        ),
+        rate(
+            "true effect hidden from the library: not called explained by a wrong cause",
+            "at least 90 %",
+            honest(&hidden),
+            |p| p >= 0.9,
+        ),
+        rate(
+            "pairs: both found",
+            "at least 85 %",
+            Rate::of(pairs.iter().map(|a| a.cell.causes.iter().all(|c| found(a, c)))),
+            |p| p >= 0.85,
+        ),
+        rate(
+            "pairs: a false third",
+            "at most 5 %",
+            Rate::of(pairs.iter().map(third)),
+            |p| p <= 0.05,
+        ),
+        rate(
+            "held-out error no worse than the base model's by more than 2 %",
+            "at least 99 %",
+            Rate::of(
+                whole
+                    .iter()
+                    .filter(|a| a.said != Said::Failed)
+                    .map(|a| a.held_out_mm[1] <= 1.02 * a.held_out_mm[0]),
+            ),
+            |p| p >= 0.99,
+        ),
+        rate(
+            "the proposed demonstration resolves the ambiguity (not measured)",
+            "at least 80 %",
+            Rate::default(),
+            |p| p >= 0.8,
+        ),
+        number(
+            "one diagnosis (one demonstration fitted, one held out), wall time as run, s",
+            "under 120 s on 2 cores",
+            whole.iter().map(|a| a.wall_s).collect(),
+            |s| s < 120.0,
+        ),
+    ]
+}
+
+/// Rows: true causes; columns: what was named first, or the verdict that names nothing.
+fn confusion(whole: &[&Answer]) -> BTreeMap<String, BTreeMap<String, usize>> {
+    let mut matrix: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for answer in whole {
+        let mut truth = match answer.cell.causes.len() {
+            0 => "(none)".to_owned(),
+            _ => answer.cell.causes.join("+"),
+        };
+        if answer.cell.hidden {
+            truth += " (hidden)";
+        }
+        let named = match answer.said {
+            Said::Nothing => "(nothing)".to_owned(),
+            Said::Unexplained => "(unexplained)".to_owned(),
+            Said::Failed => "(failed)".to_owned(),
+            Said::Confounded => format!("(confounded) {}", answer.set.join(" or ")),
+            Said::Explained => answer.named.join("+"),
+        };
+        *matrix.entry(truth).or_default().entry(named).or_default() += 1;
+    }
+    matrix
+}
+
+/// What each part of the method is worth: false alarms and wrong causes without it, on the same data as
+/// with it.
+fn ablations(mine: &[&Answer]) -> Vec<Line> {
+    let wrong = |a: &Answer| {
+        let strange = |named: &String| a.cell.causes.iter().all(|c| !same_family(named, c));
+        a.named.iter().any(strange)
+    };
+    let data = |a: &Answer| (a.cell.truth(), a.cell.noise_seed());
+    let mut lines = Vec::new();
+    for (part, words) in [
+        (Part::Whitening, "whitening"),
+        (Part::Nuisances, "nuisance columns"),
+        (Part::Refinement, "the refinement gate"),
+    ] {
+        let without: Vec<&&Answer> = mine.iter().filter(|a| a.cell.without == Some(part)).collect();
+        let same = |a: &&&Answer| {
+            a.cell.without.is_none() && !a.cell.hidden && without.iter().any(|b| data(b) == data(a))
+        };
+        let with = Rate::of(mine.iter().filter(same).map(|a| wrong(a)));
+        let rate_without = Rate::of(without.iter().map(|a| wrong(a)));
+        lines.push(Line {
+            what: format!("a wrong effect named without {words}"),
+            target: format!("visibly more than with it, {} of {}", with.hits, with.of),
+            figure: Figure::Rate(rate_without),
+            met: match (with.wilson(), rate_without.wilson()) {
+                (Some(a), Some(b)) => Some(b[0] > a[1]),
+                _ => None,
+            },
+        });
+    }
+    lines
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::cells::Cell;
+    use super::*;
+
+    /// An answer to a question about `causes` that names `named`.
+    pub fn answer(causes: &[&str], floors: f64, named: &[&str], rivals: &[&str]) -> Answer {
+        let list = |names: &[&str]| -> Vec<String> { names.iter().map(ToString::to_string).collect() };
+        let said = match (named.len(), rivals.len()) {
+            (0, _) => Said::Unexplained,
+            (_, 0) => Said::Explained,
+            _ => Said::Confounded,
+        };
+        Answer {
+            cell: Cell {
+                world: "g2".into(),
+                causes: list(causes),
+                floors,
+                noise_mm: 1.0,
+                seed: 1,
+                hidden: false,
+                without: None,
+            },
+            said,
+            words: String::new(),
+            reasons: Vec::new(),
+            accepted: list(named),
+            named: list(named),
+            set: list(&[named, rivals].concat()),
+            values: Vec::new(),
+            held_out_mm: [5.0, 1.2, 1.0],
+            fitted_mm: [5.0, 1.2, 1.0],
+            discretisation_mm: 0.1,
+            refits: Vec::new(),
+            wall_s: 10.0,
+        }
+    }
+
+    fn line<'a>(tally: &'a Tally, start: &str) -> &'a Line {
+        tally.lines.iter().find(|l| l.what.starts_with(start)).unwrap()
+    }
+
+    #[test]
+    fn every_line_counts_what_it_says() {
+        let mut hidden = answer(&["tip_mass"], 5.0, &["density_gradient"], &[]);
+        hidden.cell.hidden = true;
+        let mut alike = hidden.clone();
+        alike.cell.causes = vec!["clock_offset".into()];
+        alike.named = vec!["gripper_lag".into()];
+        let mut nothing = answer(&[], 0.0, &[], &[]);
+        nothing.said = Said::Nothing;
+        let mut worse = nothing.clone();
+        worse.held_out_mm = [1.0, 1.03, 1.0];
+        let answers = [
+            nothing,
+            worse,
+            answer(&[], 0.0, &["air_drag"], &[]),
+            answer(&["tip_mass"], 5.0, &["tip_mass"], &[]),
+            answer(&["tip_mass"], 2.0, &["density_gradient"], &["tip_mass"]),
+            answer(&["tip_mass"], 1.0, &[], &[]),
+            answer(&["clock_offset"], 2.0, &["gripper_lag"], &[]),
+            answer(&["air_jet"], 5.0, &[], &[]),
+            answer(&["air_jet"], 5.0, &["steady_wind"], &[]),
+            hidden,
+            alike,
+            answer(
+                &["tip_mass", "camera_offset"],
+                5.0,
+                &["camera_offset", "tip_mass", "air_drag"],
+                &[],
+            ),
+        ];
+        let tally = tally("g2", &answers, 0.1);
+        let rate = |start: &str| match line(&tally, start).figure {
+            Figure::Rate(rate) => (rate.hits, rate.of),
+            Figure::Number(..) => panic!("{start} is no rate"),
+        };
+        assert_eq!(rate("no effect"), (1, 3));
+        assert_eq!(rate("single effect, 2"), (2, 3));
+        assert_eq!(rate("single effect, 1"), (0, 1));
+        assert_eq!(rate("truth inside"), (2, 3));
+        assert_eq!(
+            line(&tally, "mean size").figure,
+            Figure::Number(Some(4.0 / 3.0), 3)
+        );
+        assert_eq!(rate("effect outside"), (1, 2));
+        assert_eq!(rate("true effect hidden"), (1, 2));
+        assert_eq!(rate("pairs: both"), (1, 1));
+        assert_eq!(rate("pairs: a false"), (1, 1));
+        assert_eq!(rate("held-out error"), (11, 12));
+        assert_eq!(line(&tally, "the proposed").met, None);
+        assert_eq!(line(&tally, "no effect").met, Some(false));
+        assert_eq!(tally.confusion["tip_mass"]["(unexplained)"], 1);
+        assert_eq!(
+            tally.confusion["tip_mass"]["(confounded) density_gradient or tip_mass"],
+            1
+        );
+    }
+
+    #[test]
+    fn values_are_judged_by_the_parameter_that_leads() {
+        let mut right = answer(&["air_drag"], 5.0, &["air_drag"], &[]);
+        let value = |name: &str, value: f64, truth: f64, size: f64| Value {
+            name: name.into(),
+            value,
+            standard_error: 0.05,
+            truth: Some(truth),
+            size,
+            vanishes_at: 0.0,
+        };
+        right.values = vec![value("a", 0.5, 0.1, 2.0), value("b", 1.1, 1.0, 4.0)];
+        let tally = tally("g2", &[right], 0.1);
+        let Figure::Number(Some(error), 1) = line(&tally, "effect's value").figure else {
+            panic!("no error")
+        };
+        assert!((error - 0.1).abs() < 1e-12);
+        // 0.1 off with a standard error of 0.05: 2 of them, outside 1.64.
+        let Figure::Rate(held) = line(&tally, "90 %").figure else {
+            panic!("no rate")
+        };
+        assert_eq!((held.hits, held.of), (0, 1));
+        // (25 - 1.44)/(25 - 1).
+        let Figure::Number(Some(removed), 1) = line(&tally, "held-out excess").figure else {
+            panic!("no share")
+        };
+        assert!((removed - 23.56 / 24.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_ablation_is_compared_with_the_whole_method_on_the_same_data() {
+        let mut answers = Vec::new();
+        for seed in 0..40 {
+            let mut plain = answer(&[], 0.0, &[], &[]);
+            plain.cell.seed = seed;
+            let mut alarmed = answer(&[], 0.0, &["air_drag"], &[]);
+            alarmed.cell.seed = seed;
+            alarmed.cell.without = Some(Part::Whitening);
+            answers.extend([plain, alarmed]);
+        }
+        let tally = tally("g2", &answers, 0.1);
+        let whitening = &tally.ablations[0];
+        assert_eq!(whitening.figure, Figure::Rate(Rate { hits: 40, of: 40 }));
+        assert_eq!(whitening.met, Some(true));
+        assert!(whitening.target.ends_with("0 of 40"), "{}", whitening.target);
+        assert_eq!(tally.ablations[1].met, None);
+    }
+}

@@ -1,0 +1,289 @@
+//! What really happened: how large a cause must be to be seen that well, and where the rope then was.
+
+use super::experiment::{FITTED, MOTIONS, Motion, Track};
+use super::reality::{Part, Reality, largest_size, part};
+use crate::collect::stream;
+use crate::demo::Demo;
+use crate::effects;
+use crate::fit::{Evaluation, Problem, Resolution};
+use crate::model::Structure;
+use crate::run_files::{Fnv64, read_whole, write_whole};
+use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
+use anyhow::{Context, anyhow};
+use nalgebra::DVector;
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Which truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthKey {
+    /// Name of the reality.
+    pub world: String,
+    /// Causes at work; none for a rope as the model knows it.
+    pub causes: Vec<String>,
+    /// Displacement that each leaves once the base parameters are fitted anew, mm rms.
+    pub strength_mm: f64,
+    /// Seed of the rope.
+    pub seed: u64,
+}
+
+impl TruthKey {
+    /// Name, which is that of its file too.
+    pub fn name(&self) -> String {
+        if self.causes.is_empty() {
+            return format!("{}-none-s{}", self.world, self.seed);
+        }
+        let causes = self.causes.join("+");
+        format!("{}-{causes}-{:.1}mm-s{}", self.world, self.strength_mm, self.seed)
+    }
+
+    /// Young's modulus of the rope, Pa: it hangs from the name, not from the reality or the strength.
+    pub fn young_pa(&self) -> f64 {
+        const RANGE_PA: [f64; 2] = [0.25e6, 0.6e6];
+        let name = format!("{}-s{}", self.causes.join("+"), self.seed);
+        let share: f64 = stream(Fnv64::of(name.as_bytes()), 0).random();
+        RANGE_PA[0] * (RANGE_PA[1] / RANGE_PA[0]).powf(share)
+    }
+}
+
+/// What really happened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Which one.
+    pub key: TruthKey,
+    /// Young's modulus, Pa.
+    pub young_pa: f64,
+    /// The causes with their sizes; empty where there is none or where it cannot be.
+    pub parts: Vec<Part>,
+    /// Why there is no such truth: the cause cannot be as strong within its physical range.
+    pub missing: Option<String>,
+    /// Where the markers were, m: per motion, frame and marker.
+    pub tracks: Vec<Track>,
+}
+
+/// The file of a truth.
+pub fn file(folder: &Path, key: &TruthKey) -> PathBuf {
+    folder.join(format!("{}.json", key.name()))
+}
+
+/// Reads a truth; none where it was not made.
+///
+/// # Errors
+/// The file is not a truth.
+pub fn read(folder: &Path, key: &TruthKey) -> anyhow::Result<Option<Truth>> {
+    let path = file(folder, key);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let truth: Truth = serde_json::from_slice(&read_whole(&path)?).with_context(|| {
+        format!(
+            "{} is no truth of this program: delete it to have it made again",
+            path.display()
+        )
+    })?;
+    Ok(Some(truth))
+}
+
+/// Makes a truth and writes it, unless it is there.
+///
+/// # Errors
+/// The rope without a cause cannot be moved or fitted, or the file cannot be written.
+pub fn make(reality: &dyn Reality, key: &TruthKey, folder: &Path) -> anyhow::Result<Truth> {
+    if let Some(truth) = read(folder, key)? {
+        return Ok(truth);
+    }
+    let truth = play(reality, key)?;
+    write_whole(&file(folder, key), &serde_json::to_vec(&truth)?)?;
+    Ok(truth)
+}
+
+fn play(reality: &dyn Reality, key: &TruthKey) -> anyhow::Result<Truth> {
+    let young_pa = key.young_pa();
+    let failed = |error: String| anyhow!("{}: {error}", key.name());
+    let mut truth = Truth {
+        key: key.clone(),
+        young_pa,
+        parts: Vec::new(),
+        missing: None,
+        tracks: Vec::new(),
+    };
+    if !key.causes.is_empty() {
+        let plain = reality
+            .tracks(young_pa, &[], &MOTIONS[..FITTED])
+            .map_err(failed)?;
+        let base = BaseFit::new(young_pa, &plain)?;
+        for id in &key.causes {
+            let size_of = |size: f64| {
+                let tracks = reality.tracks(young_pa, &[of_size(id, size)], &MOTIONS[..FITTED])?;
+                Ok(base.left_mm(&plain, &tracks))
+            };
+            match size_for(key.strength_mm, largest(reality, id), &size_of) {
+                Ok(size) => truth.parts.push(of_size(id, size)),
+                Err(reason) => {
+                    truth.missing = Some(format!("{id}: {reason}"));
+                    truth.parts.clear();
+                    return Ok(truth);
+                }
+            }
+        }
+    }
+    match reality.tracks(young_pa, &truth.parts, &MOTIONS) {
+        Ok(tracks) => truth.tracks = tracks.into_iter().map(rounded).collect(),
+        Err(error) if key.causes.is_empty() => return Err(failed(error)),
+        Err(error) => truth.missing = Some(error),
+    }
+    Ok(truth)
+}
+
+/// To a tenth of a micrometre, so that files stay short.
+fn rounded(track: Track) -> Track {
+    let point = |p: [f64; 3]| p.map(|c| (c * 1e7).round() / 1e7);
+    let line = |l: Vec<[f64; 3]>| l.into_iter().map(point).collect();
+    track.into_iter().map(line).collect()
+}
+
+fn of_size(id: &str, size: f64) -> Part {
+    if effects::find(id).is_some() {
+        part(id, size)
+    } else {
+        Part {
+            id: id.into(),
+            values: vec![size],
+        }
+    }
+}
+
+fn largest(reality: &dyn Reality, id: &str) -> f64 {
+    let outside = reality.outside().into_iter().find(|(name, _)| *name == id);
+    outside.map_or_else(|| largest_size(id), |(_, size)| size)
+}
+
+/// How far a strength may be from the one that was asked for.
+const STRENGTH_TOLERANCE: f64 = 0.1;
+
+/// The size at which a cause leaves `target_mm`: what is left grows with a power of the size, which the
+/// last two sizes give. `left_mm` says how much a size leaves.
+fn size_for(
+    target_mm: f64,
+    largest: f64,
+    left_mm: &dyn Fn(f64) -> Result<f64, String>,
+) -> Result<f64, String> {
+    const MOST_ROUNDS: usize = 7;
+    let mut size = largest.min(1.0);
+    let mut left = left_mm(size)?;
+    let mut power: f64 = 1.0;
+    for _ in 0..MOST_ROUNDS {
+        if (left / target_mm - 1.0).abs() <= STRENGTH_TOLERANCE {
+            return Ok(size);
+        }
+        let factor = (target_mm / left).powf(1.0 / power).clamp(0.02, 50.0);
+        let next = (size * factor).min(largest);
+        if next == size {
+            return Err(format!(
+                "leaves only {left:.2} of {target_mm:.2} mm at the end of its physical range"
+            ));
+        }
+        let now = left_mm(next)?;
+        // Friction that sticks and forces that go with a square lie between these powers.
+        power = ((now / left).ln() / (next / size).ln()).clamp(0.5, 3.0);
+        (size, left) = (next, now);
+    }
+    Err(format!("no size was found that leaves {target_mm:.2} mm"))
+}
+
+/// What refitting the base parameters can take away, to first order.
+struct BaseFit {
+    evaluation: Evaluation,
+}
+
+impl BaseFit {
+    fn new(young_pa: f64, tracks: &[Track]) -> anyhow::Result<Self> {
+        let demos: Vec<Demo> = MOTIONS
+            .iter()
+            .zip(tracks)
+            .map(|(m, t): (&Motion, _)| m.demo(t, 0.0, 0))
+            .collect();
+        let demos: Vec<&Demo> = demos.iter().collect();
+        let structure = Structure::default();
+        let problem = Problem::new(
+            &demos,
+            Resolution {
+                cells: MIN_CELLS_PER_DIAMETER,
+            },
+        )?;
+        Ok(Self {
+            evaluation: problem.evaluate(&structure, &structure.start(young_pa))?,
+        })
+    }
+
+    /// Root mean square of the difference of two sets of tracks over all coordinates, mm, once the base
+    /// parameters took away what they can.
+    fn left_mm(&self, from: &[Track], to: &[Track]) -> f64 {
+        let rows = self.evaluation.rows.iter().enumerate();
+        let offsets: Vec<f64> = rows
+            .flat_map(|(d, rows)| rows.iter().map(move |row| (d, row)))
+            .map(|(d, row)| {
+                let (a, b) = (&from[d][row.frame][row.station], &to[d][row.frame][row.station]);
+                (0..3).map(|k| row.direction[k] * (b[k] - a[k])).sum()
+            })
+            .collect();
+        let moved = DVector::from_vec(offsets);
+        let j = &self.evaluation.jacobian;
+        let left = match j.tr_mul(j).cholesky() {
+            Some(factor) => &moved - j * factor.solve(&j.tr_mul(&moved)),
+            None => moved,
+        };
+        1e3 * (left.norm_squared() / left.len() as f64).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_leaves_the_strength_that_was_asked_for() {
+        // Grows with the square where it is large, like a wind's force; by proportion alone the sizes went
+        // to and fro without end.
+        let left = |size: f64| Ok(0.3 * size * (1.0 + 0.2 * size));
+        for target in [0.5, 1.0, 3.0, 10.0] {
+            let size = size_for(target, 100.0, &left).unwrap();
+            let got: Result<f64, String> = left(size);
+            assert!((got.unwrap() / target - 1.0).abs() <= STRENGTH_TOLERANCE);
+        }
+    }
+
+    #[test]
+    fn a_strength_beyond_the_physical_range_is_refused_with_a_reason() {
+        let error = size_for(5.0, 4.0, &|size| Ok(0.1 * size)).unwrap_err();
+        assert!(error.contains("0.40 of 5.00 mm"), "{error}");
+    }
+
+    /// A change that Young's modulus explains is no cause at all.
+    #[test]
+    fn what_a_base_parameter_does_leaves_nothing() {
+        let track = |motion: &Motion| vec![vec![[0.0; 3]; 16]; motion.frame_times_s().len()];
+        let from: Vec<Track> = MOTIONS[..FITTED].iter().map(track).collect();
+        let base = BaseFit::new(0.4e6, &from).unwrap();
+        let mut to = from.clone();
+        let mut row_index = 0;
+        for (d, rows) in base.evaluation.rows.iter().enumerate() {
+            for row in rows {
+                for k in 0..3 {
+                    to[d][row.frame][row.station][k] +=
+                        row.direction[k] * 0.1 * base.evaluation.jacobian[(row_index, 0)];
+                }
+                row_index += 1;
+            }
+        }
+        let mut shifted = from.clone();
+        for point in shifted.iter_mut().flatten().flatten() {
+            point[1] += 0.001;
+        }
+        assert!(base.left_mm(&from, &to) < 1e-6);
+        // A shift across the plane of motion, of which no base parameter is capable: 1 mm in one of three.
+        let across = base.left_mm(&from, &shifted);
+        assert!((across - 1.0 / 3f64.sqrt()).abs() < 0.05, "{across}");
+    }
+}

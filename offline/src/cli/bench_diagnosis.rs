@@ -1,0 +1,49 @@
+//! `offline bench-diagnosis`: how often the diagnosis is right.
+
+use super::BenchDiagnosisArguments;
+use super::progress::Reporter;
+use super::runs::set_threads;
+use anyhow::Context;
+use offline::bench_diagnosis::cells::Extent;
+use offline::bench_diagnosis::{chosen, counted, questions, run, table};
+use offline::run_files::write_whole;
+
+/// Diagnoses what is asked for and not yet there, counts all answers of the folder, prints and writes the
+/// tables.
+pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()> {
+    set_threads(arguments.threads)?;
+    let reporter = Reporter::new();
+    let extent = Extent {
+        quick: arguments.quick,
+        seeds: arguments.seeds,
+        first_seed: arguments.first_seed,
+    };
+    let mut chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
+    anyhow::ensure!(
+        !chosen.is_empty(),
+        "no cell's name contains any of {:?}: look at the names with --list",
+        arguments.only
+    );
+    if arguments.list {
+        for cell in &chosen {
+            println!("{}", cell.name());
+        }
+        return Ok(());
+    }
+    if arguments.count {
+        chosen.retain(|cell| run::file(&arguments.out, cell).exists());
+    }
+    if chosen.iter().all(|cell| cell.world == "g2") {
+        reporter.say(
+            "no cells of the independent rod (G3): its program writes what happened, see offline bench-diagnosis --help",
+        );
+    }
+    let answers = run::run(&chosen, &arguments.out, &|line| reporter.say(line))?;
+    let tallies = counted(&answers);
+    let text = table::text(&tallies);
+    let machine = serde_json::to_string_pretty(&tallies).context("tallies can be written")?;
+    write_whole(&arguments.out.join("bench-diagnosis.txt"), text.as_bytes())?;
+    write_whole(&arguments.out.join("bench-diagnosis.json"), machine.as_bytes())?;
+    println!("{}", if json { &machine } else { &text });
+    Ok(())
+}

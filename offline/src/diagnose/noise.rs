@@ -1,0 +1,340 @@
+//! The noise of measured offsets, learnt from the frames in which the rope lies at rest and hence without
+//! the model: its size against what is declared, and how alike neighbours in time and along the rope are.
+//!
+//! Noise that hangs together looks like a signal to a test that believes its offsets independent; such
+//! tests find an effect in nearly all perfect data. So residuals and tangents are whitened before they
+//! are compared: from each offset what its predecessor in time lets expect is taken away, then what
+//! its neighbour along the rope does. That is exact for noise that is autoregressive in both
+//! directions, R_time ⊗ R_arc, on a full grid of frames and stations.
+
+use crate::demo::Demo;
+use crate::fit::Evaluation;
+use crate::observe::{Row, station_arcs_m};
+use crate::residual::rest_frames;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+
+/// Fewest frames at rest from which noise is measured.
+const MIN_REST_FRAMES: usize = 4;
+/// Correlations that are tried: 0, 0.01, … up to this one.
+const MOST_ALIKE: f64 = 0.95;
+
+/// Size and correlation of the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noise {
+    /// Measured over declared standard deviation.
+    pub scale: f64,
+    /// Correlation of an offset with that of the frame before.
+    pub in_time: f64,
+    /// Correlation with that of the neighbouring station.
+    pub along_rope: f64,
+}
+
+impl Noise {
+    /// Noise as it is declared, every offset on its own.
+    pub const DECLARED: Self = Self {
+        scale: 1.0,
+        in_time: 0.0,
+        along_rope: 0.0,
+    };
+
+    /// From frames at rest; none where the demonstrations show too few.
+    ///
+    /// Each station's offsets are an autoregressive series about an unknown mean, so whatever the model
+    /// predicts at rest does not matter. Correlation and size maximise the restricted likelihood (Patterson
+    /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
+    pub fn at_rest(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>]) -> Option<Self> {
+        let mut series = Vec::new();
+        for ((demo, rows), times) in demos.iter().zip(&evaluation.rows).zip(times_s) {
+            let frames = rest_frames(demo, times);
+            if frames >= MIN_REST_FRAMES {
+                let stations = station_arcs_m(demo).len();
+                series.extend(rest_series(rows, frames, stations));
+            }
+        }
+        if series.is_empty() {
+            return None;
+        }
+        let steps = (MOST_ALIKE * 100.0) as usize;
+        let candidates = (0..=steps).map(|k| k as f64 / 100.0);
+        let (in_time, variance, _) = candidates
+            .map(|r| {
+                let (variance, likelihood) = restricted_likelihood(&series, r);
+                (r, variance, likelihood)
+            })
+            .max_by(|a, b| a.2.total_cmp(&b.2))?;
+        Some(Self {
+            scale: variance.sqrt(),
+            in_time,
+            along_rope: neighbours(&series, in_time),
+        })
+    }
+
+    /// The operator that makes this noise white on the rows of an evaluation.
+    pub fn whitener(&self, evaluation: &Evaluation) -> Whitener {
+        let mut first = 0;
+        let (mut in_time, mut along_rope) = (Vec::new(), Vec::new());
+        for rows in &evaluation.rows {
+            in_time.extend(predecessors(rows, first, self.in_time, |row| {
+                Some((row.frame.checked_sub(1)?, row.station))
+            }));
+            along_rope.extend(predecessors(rows, first, self.along_rope, |row| {
+                Some((row.frame, row.station.checked_sub(1)?))
+            }));
+            first += rows.len();
+        }
+        Whitener {
+            passes: [in_time, along_rope],
+        }
+    }
+}
+
+/// Offsets of one station along one direction over the frames at rest, in declared standard errors.
+struct Series {
+    /// Station and direction.
+    place: (usize, usize),
+    offsets: Vec<f64>,
+}
+
+/// Series of the stations that are seen in every frame at rest.
+fn rest_series(rows: &[Row], frames: usize, stations: usize) -> Vec<Series> {
+    let mut found = Vec::new();
+    for station in 0..stations {
+        let at: Vec<&Row> = rows
+            .iter()
+            .filter(|r| r.station == station && r.frame < frames)
+            .collect();
+        let Some(first) = at.first() else { continue };
+        let axes: Vec<&&Row> = at.iter().filter(|r| r.frame == first.frame).collect();
+        for (number, axis) in axes.iter().enumerate() {
+            let offsets: Vec<f64> = (0..frames)
+                .filter_map(|frame| {
+                    // Directions may turn a little from frame to frame: offsets are added as vectors.
+                    let mut here = at.iter().filter(|r| r.frame == frame).peekable();
+                    here.peek()?;
+                    Some(
+                        here.map(|r| r.offset_m / r.sigma_m * alike(&r.direction, &axis.direction))
+                            .sum(),
+                    )
+                })
+                .collect();
+            if offsets.len() == frames {
+                found.push(Series {
+                    place: (station, number),
+                    offsets,
+                });
+            }
+        }
+    }
+    found
+}
+
+fn alike(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    (0..3).map(|k| a[k] * b[k]).sum()
+}
+
+/// Independent parts of an autoregressive series about its best mean.
+fn innovations(offsets: &[f64], r: f64) -> Vec<f64> {
+    let spread = (1.0 - r * r).sqrt();
+    let part = |t: usize, now: f64, before: f64| if t == 0 { now } else { (now - r * before) / spread };
+    let plain = |t: usize| part(t, offsets[t], if t == 0 { 0.0 } else { offsets[t - 1] });
+    let (mut product, mut square) = (0.0, 0.0);
+    for t in 0..offsets.len() {
+        let one = part(t, 1.0, 1.0);
+        product += one * plain(t);
+        square += one * one;
+    }
+    let mean = product / square;
+    (0..offsets.len())
+        .map(|t| plain(t) - mean * part(t, 1.0, 1.0))
+        .collect()
+}
+
+/// Variance that fits best at a correlation, and the logarithm of the restricted likelihood there.
+fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
+    let (mut square, mut free, mut determinants) = (0.0, 0.0, 0.0);
+    for s in series {
+        let n = s.offsets.len() as f64;
+        square += innovations(&s.offsets, r).iter().map(|u| u * u).sum::<f64>();
+        free += n - 1.0;
+        // ln det R = (n - 1) ln(1 - r²) and 1'R⁻¹1 = (n - (n - 2) r)/(1 + r) of an AR(1) series.
+        determinants += (n - 1.0) * (1.0 - r * r).ln() + ((n - (n - 2.0) * r) / (1.0 + r)).ln();
+    }
+    let variance = square / free;
+    (
+        variance,
+        -0.5 * (free * variance.max(f64::MIN_POSITIVE).ln() + determinants),
+    )
+}
+
+/// Correlation of the innovations of neighbouring stations.
+fn neighbours(series: &[Series], in_time: f64) -> f64 {
+    let (mut product, mut norm) = (0.0, 0.0);
+    for (i, a) in series.iter().enumerate() {
+        let next = (a.place.0 + 1, a.place.1);
+        // The next station's series follow at once: one per direction, at most three.
+        let Some(b) = series[i + 1..].iter().take(3).find(|s| s.place == next) else {
+            continue;
+        };
+        let (a, b) = (innovations(&a.offsets, in_time), innovations(&b.offsets, in_time));
+        for (u, v) in a.iter().zip(&b) {
+            product += u * v;
+            norm += 0.5 * (u * u + v * v);
+        }
+    }
+    if norm > 0.0 {
+        (product / norm).clamp(0.0, MOST_ALIKE)
+    } else {
+        0.0
+    }
+}
+
+/// For each row what its predecessor lets expect: weights of other rows, and what is left over.
+struct Expected {
+    from: Vec<(usize, f64)>,
+    spread: f64,
+}
+
+/// Takes the expected part out of whitened residuals and columns of tangents alike.
+pub struct Whitener {
+    passes: [Vec<Expected>; 2],
+}
+
+impl Whitener {
+    /// Whitens every column, which is over the rows' standard errors already.
+    pub fn apply(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut now = columns.clone();
+        for pass in &self.passes {
+            let before = now.clone();
+            for (i, expected) in pass.iter().enumerate() {
+                for k in 0..now.ncols() {
+                    let guess: f64 = expected.from.iter().map(|&(j, w)| w * before[(j, k)]).sum();
+                    now[(i, k)] = (before[(i, k)] - guess) / expected.spread;
+                }
+            }
+        }
+        now
+    }
+}
+
+fn predecessors(
+    rows: &[Row],
+    first: usize,
+    correlation: f64,
+    before: impl Fn(&Row) -> Option<(usize, usize)>,
+) -> Vec<Expected> {
+    let mut places: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
+    for (i, row) in rows.iter().enumerate() {
+        places.entry((row.frame, row.station)).or_default().push(i);
+    }
+    rows.iter()
+        .map(|row| {
+            let there = before(row).and_then(|place| places.get(&place));
+            let Some(there) = there.filter(|_| correlation > 0.0) else {
+                return Expected {
+                    from: Vec::new(),
+                    spread: 1.0,
+                };
+            };
+            let weight = |&j: &usize| (first + j, correlation * alike(&row.direction, &rows[j].direction));
+            let from: Vec<(usize, f64)> = there.iter().map(weight).collect();
+            let known: f64 = from.iter().map(|(_, w)| w * w).sum();
+            Expected {
+                spread: (1.0 - known.min(MOST_ALIKE * MOST_ALIKE)).sqrt(),
+                from,
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench_diagnosis::noise::correlated;
+    use nalgebra::DVector;
+
+    const FRAMES: usize = 60;
+    const STATIONS: usize = 16;
+
+    fn rows_of(noise: &[Vec<[f64; 3]>], frames: usize) -> Vec<Row> {
+        let mut rows = Vec::new();
+        for (frame, stations) in noise.iter().take(frames).enumerate() {
+            for (station, offset) in stations.iter().enumerate() {
+                for k in 0..3 {
+                    let mut direction = [0.0; 3];
+                    direction[k] = 1.0;
+                    rows.push(Row {
+                        frame,
+                        station,
+                        arc_m: 0.01 * station as f64,
+                        position_m: [0.0; 3],
+                        direction,
+                        // A mean that nobody knows, per station.
+                        offset_m: offset[k] + 0.003 * station as f64,
+                        sigma_m: 0.001,
+                    });
+                }
+            }
+        }
+        rows
+    }
+
+    /// Noise of twice the declared size with correlations 0.6 and 0.7: twelve frames at rest give them
+    /// back within three of their own scatters, however large the unknown mean.
+    #[test]
+    fn size_and_correlation_are_found_at_rest() {
+        let (mut scales, mut times, mut alongs) = (0.0, 0.0, 0.0);
+        const SETS: u64 = 40;
+        for seed in 0..SETS {
+            let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], seed);
+            let rows = rows_of(&noise, 12);
+            let series = rest_series(&rows, 12, STATIONS);
+            let best = (0..=95)
+                .map(|k| k as f64 / 100.0)
+                .map(|r| (r, restricted_likelihood(&series, r)))
+                .max_by(|a, b| a.1.1.total_cmp(&b.1.1))
+                .unwrap();
+            times += best.0 / SETS as f64;
+            scales += best.1.0.sqrt() / SETS as f64;
+            alongs += neighbours(&series, best.0) / SETS as f64;
+        }
+        assert!((times - 0.6).abs() < 0.03, "{times}");
+        assert!((scales - 2.0).abs() < 0.1, "{scales}");
+        assert!((alongs - 0.7).abs() < 0.03, "{alongs}");
+    }
+
+    /// After whitening with the true correlations the noise has unit variance and no neighbours alike.
+    #[test]
+    fn whitened_noise_is_white() {
+        let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], 5);
+        let evaluation = Evaluation {
+            theta: Vec::new(),
+            rows: vec![
+                rows_of(&noise, FRAMES)
+                    .into_iter()
+                    .map(|r| Row {
+                        offset_m: r.offset_m - 0.003 * r.station as f64,
+                        ..r
+                    })
+                    .collect(),
+            ],
+            jacobian: DMatrix::zeros(0, 0),
+        };
+        let model = Noise {
+            scale: 1.0,
+            in_time: 0.6,
+            along_rope: 0.7,
+        };
+        let raw = evaluation.whitened();
+        let column = DMatrix::from_columns(&[raw]);
+        let white: DVector<f64> = model.whitener(&evaluation).apply(&column).column(0).into_owned();
+        let n = white.len() as f64;
+        // Standard error of a variance from 2880 independent numbers: 2.6 %; four of them.
+        assert!((white.norm_squared() / n - 1.0).abs() < 0.11);
+        let lag = 3 * STATIONS;
+        let next: f64 = (lag..white.len()).map(|i| white[i] * white[i - lag]).sum::<f64>() / n;
+        let beside: f64 = (3..white.len()).map(|i| white[i] * white[i - 3]).sum::<f64>() / n;
+        assert!(next.abs() < 0.08 && beside.abs() < 0.08, "{next} {beside}");
+    }
+}
