@@ -107,6 +107,7 @@ fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Ve
         let mut alike = effects_found.split_off(effects_found.len() - 1);
         alike.extend(rivals.iter().cloned());
         return Verdict::Confounded {
+            found: effects_found,
             effects: alike,
             separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
                                        rope gripped at its other end, changes their ratio"

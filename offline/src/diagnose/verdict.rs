@@ -19,7 +19,10 @@ pub enum Verdict {
     },
     /// These data cannot tell the listed effects apart.
     Confounded {
-        /// Names of the effects.
+        /// Names of effects that were found before and stand.
+        #[serde(default)]
+        found: Vec<String>,
+        /// Names of the effects that are alike.
         effects: Vec<String>,
         /// The demonstration that would separate them.
         separating_demonstration: String,
@@ -65,7 +68,9 @@ impl fmt::Display for ReasonCode {
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NothingMissing => f.write_str("nothing missing: the residual is noise"),
+            Self::NothingMissing => {
+                f.write_str("nothing missing: what is left is noise or the simulation's own error")
+            }
             Self::Explained { effects, parameters } => {
                 write!(f, "explained: {}", effects.join(" and "))?;
                 for p in parameters {
@@ -78,13 +83,21 @@ impl fmt::Display for Verdict {
                 Ok(())
             }
             Self::Confounded {
+                found,
                 effects,
                 separating_demonstration,
-            } => write!(
-                f,
-                "confounded: {} fit equally well; {separating_demonstration}",
-                effects.join(" or ")
-            ),
+            } => {
+                let besides = if found.is_empty() {
+                    String::new()
+                } else {
+                    format!("{} found; besides, ", found.join(" and "))
+                };
+                write!(
+                    f,
+                    "confounded: {besides}{} fit equally well; {separating_demonstration}",
+                    effects.join(" or ")
+                )
+            }
             Self::Unexplained { hint } => write!(f, "unexplained: {hint}"),
         }
     }

@@ -3,7 +3,8 @@
 //! simulation where an effect only changes what the cameras report.
 //!
 //! A pass holds only the effects that it asks about and those that are present: one that is at its
-//! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else.
+//! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else. Effects that
+//! change the material have passes of their own: a rollout with one steps one particle after the other.
 
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
@@ -66,12 +67,12 @@ struct Prediction {
 fn plan(structure: &Structure, theta: &[f64]) -> Plan {
     let specs = structure.effects.iter().flat_map(|&e| {
         let parameters = effects::ALL[e].parameters.iter();
-        parameters.map(move |p| (p, effects::ALL[e].only_seen))
+        parameters.map(move |p| (p, e))
     });
     let mut tangents: Vec<usize> = (0..theta.len() - specs.clone().count()).collect();
-    let (mut secants, mut seen) = (Vec::new(), Vec::new());
-    for ((spec, only_seen), column) in specs.zip(tangents.len()..) {
-        if only_seen {
+    let (mut slow, mut secants, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+    for ((spec, effect), column) in specs.zip(tangents.len()..) {
+        if effects::ALL[effect].only_seen {
             seen.push(column);
             continue;
         }
@@ -88,18 +89,31 @@ fn plan(structure: &Structure, theta: &[f64]) -> Plan {
                 from: (value - step).max(spec.low),
                 to: (value + step).min(spec.high),
             });
+        } else if changes_material(effect) {
+            slow.push(column);
         } else {
             tangents.push(column);
         }
     }
-    let groups = tangents.len().div_ceil(MAX_TANGENTS);
-    let size = tangents.len().div_ceil(groups);
-    let mut passes: Vec<Pass> = tangents
-        .chunks(size)
-        .map(|c| Pass::Tangents(c.to_vec()))
-        .collect();
+    let mut passes: Vec<Pass> = balanced(&tangents).chain(balanced(&slow)).collect();
     passes.extend(secants);
     Plan { passes, seen }
+}
+
+/// Passes of nearly the same size.
+fn balanced(columns: &[usize]) -> impl Iterator<Item = Pass> {
+    let groups = columns.len().div_ceil(MAX_TANGENTS).max(1);
+    let size = columns.len().div_ceil(groups).max(1);
+    columns.chunks(size).map(|c| Pass::Tangents(c.to_vec()))
+}
+
+/// Whether a rollout with an effect has to step one particle after the other.
+fn changes_material(effect: usize) -> bool {
+    let alone = Structure {
+        effects: vec![effect],
+    };
+    let off: Vec<f64> = alone.start(1e6);
+    alone.physics(&off, 0.0).changes_material()
 }
 
 /// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,
@@ -349,6 +363,10 @@ mod tests {
             match pass {
                 Pass::Tangents(columns) => {
                     assert!(columns.len() <= MAX_TANGENTS);
+                    // One effect that changes the material would slow down all others of its pass.
+                    let (kept, _) = needed(&structure, &theta, columns);
+                    let slow = kept.effects.iter().filter(|&&e| changes_material(e)).count();
+                    assert!(slow == 0 || slow == kept.effects.len(), "{columns:?}");
                     seen.extend(columns);
                 }
                 Pass::Secant { column, from, to } => {
