@@ -87,7 +87,7 @@ fn main() {
     );
     for (name, structure) in [
         ("no effects", Structure::default()),
-        ("drag and damping", Structure { effects: vec![0, 1] }),
+        ("drag", Structure { effects: vec![0] }),
     ] {
         let family = Rope(structure);
         let mut theta = family.0.start(YOUNG_PA);

@@ -47,8 +47,9 @@
 //! | weights factorised by slice and member, registers over slices, one pass per step | 15.1 | 15.1 | 14.4 | 17.5 | 22.6 | 158, 525, 954 |
 //! | no closures where registers are used: those that are not inlined were compiled without them | 13.4 | 13.6 | 13.5 | 13.1 | 19.8 | 46, 276, 516 |
 //! | a block's step compiled once per kind of register, channels counted at run time | 13.7 | 13.5 | 12.7 | 11.8 | 13.2 | 42, 131, 278 |
+//! | velocities on the nodes, a loss in the stress; quiet machine | 15.5 | 15.4 | 13.8 | 12.1 | 12.1 | 51, 160, 291 |
 //!
-//! In the last form f64 costs 23 ns, f64 with 16 tangents 518. A tangent costs about as much as a value:
+//! Before the last row f64 cost 23 ns, f64 with 16 tangents 518; f64 costs 27 now. A tangent costs about as much as a value:
 //! the stress without its polar decomposition, the same transfers. So 16 tangents cost 20 plain rollouts,
 //! not 6; the aim of 6 was set for a rollout of 50 ns, and in those terms they cost 5.6.
 //!

@@ -17,11 +17,11 @@
 //! frame is due is not differentiated, nor is the time step (see [`super::Scene::time_step_s`]).
 //! Forward mode makes the same choices.
 //!
-//! What it costs, `cargo bench -p offline --bench adjoint`, f32, 2046 steps of a rope that lies on the
-//! table and is lifted at one end, forward included, on a machine with a load of 20: 5.0 forward passes
-//! and 89 MB for 4,020 particles (268 against 53 ns per particle and step), 6.2 for 1,020, 7.4 for 360.
-//! The aim was 5. Nodes under springs, here almost all, go back one by one, not in registers; laws of
-//! effects cost 13 forward passes, because each particle's laws are recorded anew in each step.
+//! What it costs, `cargo bench -p offline --bench adjoint`, f32, 1727 steps of a rope that lies on the
+//! table and is lifted at one end, forward included, on a quiet machine: 4.6 forward passes and 75 MB for
+//! 4,020 particles (57 against 12 ns per particle and step), 5.6 for 1,020, 7.2 for 360. The aim was 5.
+//! Nodes under springs, here almost all, go back one by one, not in registers. Laws of effects cost 13
+//! forward passes when they were measured last, because each particle's laws are recorded anew in each step.
 //!
 //! Laws that change the material or what is seen ([`Physics::changes_material`], observation laws) are
 //! refused: the way back would have to undo what they remember. Forward mode has their derivatives.
