@@ -16,6 +16,7 @@
 use crate::clock;
 use crate::services::{self, COMMANDS, GOALS, NewestReader, Payload, ROBOT, STATUS, ServiceError, TARGETS};
 use crate::session::Instance;
+use crate::sweeper::Sweeper;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -36,6 +37,7 @@ pub struct Client {
     targets: Subscriber<ipc::Service, JointTarget, ()>,
     status: Subscriber<ipc::Service, Status, ()>,
     last_id: u64,
+    instance: Instance,
     // Dropped last: the ports above live in it.
     node: Node<ipc::Service>,
 }
@@ -61,6 +63,8 @@ impl Client {
     /// controller of another version is not waited for.
     pub fn connect(instance: &str, patience: Duration) -> Result<Self, ServiceError> {
         let instance = Instance::new(instance)?;
+        // The controller sweeps too, but may be killed at any time.
+        let _sweeper = Sweeper::start(&instance);
         let start = Instant::now();
         loop {
             match Self::connect_now(&instance) {
@@ -80,6 +84,7 @@ impl Client {
             targets: TARGETS.subscriber(&node, false)?,
             status: STATUS.subscriber(&node, false)?,
             last_id: clock::now_ns(),
+            instance: instance.clone(),
             node,
         })
     }
@@ -167,6 +172,7 @@ impl Client {
 
     /// The arm's ports of this connection.
     pub fn arm(&self) -> Result<ArmPort, ServiceError> {
+        let _sweeper = Sweeper::start(&self.instance);
         Ok(ArmPort {
             states: ROBOT.publisher(&self.node, false)?,
             newest: services::newest_reader(&self.node)?,

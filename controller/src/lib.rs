@@ -34,4 +34,5 @@ pub mod services;
 pub mod session;
 pub mod step;
 pub mod survey;
+pub mod sweeper;
 pub mod timing;

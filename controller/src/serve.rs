@@ -10,6 +10,7 @@ use crate::rt;
 use crate::services;
 use crate::session::Instance;
 use crate::step::{Controller, Setup};
+use crate::sweeper::Sweeper;
 use crate::timing::Timing;
 use anyhow::{Context, Result, anyhow, bail};
 use iceoryx2::prelude::Config;
@@ -101,7 +102,9 @@ fn check_gripper(options: &Options, blob: &Blob) -> Result<()> {
 pub fn serve(options: &Options) -> Result<()> {
     let policy = policy_file::read(&options.policy)?;
     check_gripper(options, &policy.blob)?;
-    let session = Instance::new(&options.instance)?.start()?;
+    let instance = Instance::new(&options.instance)?;
+    let session = instance.start()?;
+    let _sweeper = Sweeper::start(&instance).context("cannot start the sweeper's thread")?;
     let queues = Arc::new(Queues::new(options.record.is_some()));
     end_on_signal(&queues)?;
     let awake = rt::keep_processors_awake();

@@ -25,7 +25,8 @@ pub const DEFAULT_INSTANCE: &str = "genorm";
 /// A killed process frees its lock only when the kernel has taken it down.
 const LOCK_PATIENCE: Duration = Duration::from_secs(1);
 
-const SHARED_MEMORY: &str = "/dev/shm";
+/// Where Linux shows shared memory as files.
+pub const SHARED_MEMORY: &str = "/dev/shm";
 
 /// What the controller's services take (4 MB), and as much again for clients.
 const SHARED_MEMORY_NEEDED: u64 = 8_000_000;
@@ -130,8 +131,8 @@ impl Instance {
         self.folder().join("current")
     }
 
-    /// No two instances' prefixes start alike: names hold no '.'.
-    fn prefix(&self) -> String {
+    /// How the names of its shared memory begin. No two instances' prefixes start alike: names hold no '.'.
+    pub fn prefix(&self) -> String {
         format!("genorm.{}.{}.", self.uid, self.name)
     }
 
@@ -145,6 +146,8 @@ impl Instance {
             .set_root_path(&IoxPath::new(text.as_bytes()).map_err(|_| bad())?);
         let prefix = format!("{}{session}.", self.prefix());
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
+        // Whoever connects next clears away what the dead left: nothing that ends has to wait for that.
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
         Ok(config)
     }
 
@@ -229,13 +232,19 @@ impl Instance {
             _ => {}
         }
         let _ = fs::remove_dir_all(self.folder());
-        let prefix = self.prefix();
-        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                let _ = fs::remove_file(entry.path());
-            }
-        }
+        self.shared_memory().for_each(|path| {
+            let _ = fs::remove_file(path);
+        });
         Ok(())
+    }
+
+    /// The files of shared memory of every session of this instance.
+    pub fn shared_memory(&self) -> impl Iterator<Item = PathBuf> {
+        let prefix = self.prefix();
+        let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        entries
+            .filter(move |entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+            .map(|entry| entry.path())
     }
 
     /// Removes everything that this instance left, its lock file included; refused while it runs.

@@ -4,8 +4,12 @@
 mod controller_world;
 
 use controller::client::Client;
+use controller::session::Instance;
 use controller_world::{PATIENCE, Process, World, await_status, idle, program};
+use std::fs::File;
+use std::path::PathBuf;
 use std::process::Command;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 /// What the promise allows a restart to take, from spawning the program to the first status.
@@ -42,15 +46,10 @@ fn client_program(world: &World, round: u64) -> Process {
     Process(command.spawn().expect("the client starts"))
 }
 
-/// Shared memory of this world's instance that exists now; its name is `genorm.<uid>.<instance>.…`.
-fn shared_memory_files(world: &World) -> usize {
-    let marked = format!(".{}.", world.instance);
-    std::fs::read_dir("/dev/shm")
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter(|entry| entry.file_name().to_string_lossy().contains(&marked))
-        .count()
+/// Shared memory of this world's instance that exists now.
+fn shared_memory_files(world: &World) -> Vec<PathBuf> {
+    let instance = Instance::new(&world.instance).expect("a name");
+    instance.shared_memory().collect()
 }
 
 /// Kills controllers and clients in turns and starts the next controller over what they leave.
@@ -80,7 +79,7 @@ fn survives(rounds: u64) {
         let took = start.elapsed();
         late += u64::from(took > RESTART_MAX);
         slowest = slowest.max(took);
-        most_files = most_files.max(shared_memory_files(&world));
+        most_files = most_files.max(shared_memory_files(&world).len());
         kill(&mut next);
     }
     println!(
@@ -120,4 +119,56 @@ fn a_controller_outlives_its_clients() {
     }
     let mut other = world.client();
     await_status(&mut other, &mut Vec::new(), idle);
+}
+
+/// A client killed between naming its shared memory and giving it a size leaves an empty file under a name
+/// that the next one to connect opens when it clears away what the dead left. iceoryx2 0.10 alone would wait
+/// for that file's size without end.
+#[test]
+fn memory_that_a_killed_client_left_half_made_holds_up_nobody() {
+    let world = World::new();
+    let _controller = world.controller(&[]);
+    let mut victim = client_program(&world, 0);
+    let connections = await_connections(&world);
+    kill(&mut victim);
+    for connection in connections {
+        let name = connection.to_string_lossy().to_string();
+        let (ports, suffix) = name.rsplit_once('.').expect("a suffix");
+        let (rest, receiver) = ports.rsplit_once('_').expect("two ports");
+        let (prefix, sender) = rest.rsplit_once('_').expect("a sender");
+        let next = |port: &str| port.parse::<u128>().expect("a port's number") + 1;
+        // One of its ports with one that never was.
+        for ports in [
+            format!("{}_{receiver}", next(sender)),
+            format!("{sender}_{}", next(receiver)),
+        ] {
+            let half_made = format!("{prefix}_{ports}.{suffix}");
+            File::create_new(half_made).expect("an empty file");
+        }
+    }
+
+    let (connected, outcome) = mpsc::channel();
+    let instance = world.instance.clone();
+    std::thread::spawn(move || connected.send(Client::connect(&instance, PATIENCE).is_ok()));
+    assert_eq!(outcome.recv_timeout(PATIENCE), Ok(true), "the next client");
+    let start = Instant::now();
+    let is_empty = |path: &PathBuf| path.metadata().is_ok_and(|metadata| metadata.len() == 0);
+    while shared_memory_files(&world).iter().any(is_empty) {
+        assert!(start.elapsed() < PATIENCE, "half-made files stay");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// The connections of the only client, once all are there: two that it sends on and two that it receives on.
+fn await_connections(world: &World) -> Vec<PathBuf> {
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        let mut files = shared_memory_files(world);
+        files.retain(|path| path.extension().is_some_and(|kind| kind == "connection"));
+        if files.len() == 4 {
+            return files;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("the client did not connect");
 }
