@@ -66,6 +66,11 @@ pub fn bracket(arcs_m: &[f64], s_m: f64) -> (usize, f64) {
     (low, (s_m - arcs_m[low]) / (arcs_m[upper] - arcs_m[low]))
 }
 
+/// The point between two neighbours that [`bracket`] says.
+pub fn interpolate<T: Copy + Into<f64>>(points: &[[T; 3]], (low, share): (usize, f64)) -> [f64; 3] {
+    std::array::from_fn(|k| points[low][k].into() * (1.0 - share) + points[low + 1][k].into() * share)
+}
+
 /// All rows of one recorded time.
 pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -> Vec<Row> {
     match &demo.observations {
@@ -86,10 +91,9 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
             // Where the motion is planar, y was not measured.
             let axes: &'static [usize] = if demo.spec.planar { &[0, 2] } else { &[0, 1, 2] };
             now.flat_map(|marker| {
-                let (low, share) = bracket(line.arc_m, marker.s_m);
+                let predicted = interpolate(line.points_m, bracket(line.arc_m, marker.s_m));
                 let station = arcs_m.partition_point(|&s| s < marker.s_m);
                 axes.iter().map(move |&k| {
-                    let predicted = line.points_m[low][k] * (1.0 - share) + line.points_m[low + 1][k] * share;
                     let mut direction = [0.0; 3];
                     direction[k] = 1.0;
                     Row {
@@ -98,7 +102,7 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
                         arc_m: marker.s_m,
                         position_m: marker.position_m,
                         direction,
-                        offset_m: marker.position_m[k] - predicted,
+                        offset_m: marker.position_m[k] - predicted[k],
                         sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
                     }
                 })

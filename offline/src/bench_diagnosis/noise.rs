@@ -1,8 +1,6 @@
 //! Correlated sensor noise: autoregressive in time and along the rope, R_time ⊗ R_arc.
 
-use crate::collect::stream;
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
+use crate::collect::{standard_normal, stream};
 
 /// Correlation of the noise with the frame before, and with the neighbouring marker: smoothing inside a
 /// depth camera and slowly changing errors of calibration.
@@ -23,7 +21,7 @@ pub fn correlated(
     for _ in 0..frames {
         let mut line: Vec<[f64; 3]> = Vec::with_capacity(stations);
         for _ in 0..stations {
-            let own: [f64; 3] = std::array::from_fn(|_| sigma_m * normal(&mut random));
+            let own: [f64; 3] = std::array::from_fn(|_| sigma_m * standard_normal(&mut random));
             line.push(match line.last() {
                 None => own,
                 Some(before) => std::array::from_fn(|k| correlation[1] * before[k] + fresh[1] * own[k]),
@@ -39,12 +37,6 @@ pub fn correlated(
         frames_m.push(line);
     }
     frames_m
-}
-
-/// A standard normal number (Box and Muller 1958).
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-    (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::experiment::{Motion, Track, marker_arcs_m};
 use crate::effects;
 use crate::model::Structure;
-use crate::observe::bracket;
+use crate::observe::{bracket, interpolate};
 use crate::sim::rope::Sampling;
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use crate::sim::{Scene, simulate};
@@ -168,12 +168,7 @@ impl Reality for Finer {
 fn at_markers(arcs_m: &[f64], line: &[[f32; 3]]) -> Vec<[f64; 3]> {
     marker_arcs_m()
         .into_iter()
-        .map(|s| {
-            let (low, share) = bracket(arcs_m, s);
-            std::array::from_fn(|k| {
-                f64::from(line[low][k]) * (1.0 - share) + f64::from(line[low + 1][k]) * share
-            })
-        })
+        .map(|s| interpolate(line, bracket(arcs_m, s)))
         .collect()
 }
 

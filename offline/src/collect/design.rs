@@ -148,6 +148,12 @@ pub fn stream(seed: u64, index: u64) -> ChaCha8Rng {
     rng
 }
 
+/// A standard normal number (Box and Muller 1958).
+pub fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
+    let radius = (-2.0 * libm::log(1.0 - rng.random::<f64>())).sqrt();
+    radius * libm::cos(std::f64::consts::TAU * rng.random::<f64>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

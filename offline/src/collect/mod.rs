@@ -10,7 +10,7 @@ mod shards;
 pub(crate) mod stand_in;
 mod swinger;
 
-pub use design::{Design, DesignError, REACH_SHARE, Sample, stream};
+pub use design::{Design, DesignError, REACH_SHARE, Sample, standard_normal, stream};
 pub use rows::{Dataset, DatasetSummary, Row, count_refusals};
 pub use shards::{SHARD_ROWS, Shards};
 pub use swinger::{SwingRefusal, Swinger};

@@ -11,7 +11,7 @@ use crate::fit::{
     Evaluation, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, estimates, fit, fit_from,
 };
 use crate::model::{Estimate, Structure};
-use crate::observe::bracket;
+use crate::observe::{bracket, interpolate};
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -419,11 +419,9 @@ fn score(
     let mut errors = Vec::with_capacity(evaluation.len());
     for (d, rows) in evaluation.rows.iter().enumerate() {
         errors.extend(rows.iter().map(|row| {
-            let (low, share) = bracket(&difference[d].arcs_m, row.arc_m);
             let frame = &difference[d].frames[row.frame];
-            (0..3)
-                .map(|k| row.direction[k] * (frame[low][k] * (1.0 - share) + frame[low + 1][k] * share))
-                .sum::<f64>()
+            let error = interpolate(frame, bracket(&difference[d].arcs_m, row.arc_m));
+            (0..3).map(|k| row.direction[k] * error[k]).sum::<f64>()
         }));
     }
     let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
@@ -461,12 +459,8 @@ fn discretisation(bench: &Bench, structure: &Structure, theta: &[f64]) -> Result
                     cf.iter()
                         .zip(&c.arc_m)
                         .map(|(point, &s)| {
-                            let (low, share) = bracket(&f.arc_m, s);
-                            std::array::from_fn(|k| {
-                                let on_fine =
-                                    f64::from(ff[low][k]) * (1.0 - share) + f64::from(ff[low + 1][k]) * share;
-                                scale * (on_fine - f64::from(point[k]))
-                            })
+                            let on_fine = interpolate(ff, bracket(&f.arc_m, s));
+                            std::array::from_fn(|k| scale * (on_fine[k] - f64::from(point[k])))
                         })
                         .collect()
                 })

@@ -2,7 +2,7 @@
 
 use crate::demo::Demo;
 use crate::model::Structure;
-use crate::observe::{Centreline, Row, Section, bracket, measure};
+use crate::observe::{Centreline, Row, Section, bracket, interpolate, measure};
 use crate::sim::rollout::Track;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
@@ -145,14 +145,10 @@ impl<'a> Problem<'a> {
         let mut row_index = 0;
         for (rows, trace) in rows.iter().zip(&traces) {
             for row in rows {
-                let (low, share) = bracket(&trace.arc_m, row.arc_m);
+                let place = bracket(&trace.arc_m, row.arc_m);
                 for k in 0..theta.len() {
-                    let slope = &trace.slopes[k][row.frame];
-                    jacobian[(row_index, k)] = (0..3)
-                        .map(|c| {
-                            row.direction[c] * (slope[low][c] * (1.0 - share) + slope[low + 1][c] * share)
-                        })
-                        .sum();
+                    let slope = interpolate(&trace.slopes[k][row.frame], place);
+                    jacobian[(row_index, k)] = (0..3).map(|c| row.direction[c] * slope[c]).sum();
                 }
                 row_index += 1;
             }

@@ -3,7 +3,7 @@
 
 use super::adam::Parameters;
 use super::scene::{DENSITY_KG_M3, Discretisation, FRICTION, demonstration, physics};
-use crate::collect::stream;
+use crate::collect::{standard_normal, stream};
 use crate::sim::rope::Sampling;
 use crate::sim::tensor::value3;
 use crate::sim::{Rollout, Scene, SimError, simulate};
@@ -147,10 +147,4 @@ fn surface_point(line: &[[f64; 3]], radius_m: f64, rng: &mut ChaCha8Rng) -> ([f6
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Box and Muller (1958).
-fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
-    let radius = (-2.0 * libm::log(1.0 - rng.random::<f64>())).sqrt();
-    radius * libm::cos(std::f64::consts::TAU * rng.random::<f64>())
 }

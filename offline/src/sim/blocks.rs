@@ -10,7 +10,7 @@ use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::real::Real;
 use super::step::CONTACT_NEAR_CELLS;
-use super::tensor::{Mat3, Vec3, add, zero3};
+use super::tensor::{Mat3, Vec3, matadd, zero3};
 use super::transfer::Transfer;
 
 /// One channel of the same member of as many slices as a register has lanes.
@@ -196,7 +196,7 @@ impl<L: Lanes> Blocks<L> {
             let (elastic, straining) = &self.differentials[member];
             let viscosities = [&self.viscosity[0], &self.viscosity[channel]];
             let viscous = straining.differential([value, &self.rates[member]], [f, rate], viscosities);
-            return Ok(sum(&elastic.of(f, &self.lame[channel]), &viscous));
+            return Ok(matadd(&elastic.of(f, &self.lame[channel]), &viscous));
         }
         let strained = Strained::new(f);
         if !L::everywhere(strained.j.exceeds(L::zero())) {
@@ -208,7 +208,7 @@ impl<L: Lanes> Blocks<L> {
             let elastic = StressDifferential::new(&strained, &self.lame[0]);
             self.differentials.push((elastic, straining));
         }
-        Ok(sum(
+        Ok(matadd(
             &strained.piola_stress(&self.lame[0]),
             &straining.piola_stress(f),
         ))
@@ -226,7 +226,7 @@ impl<L: Lanes> Blocks<L> {
             if let Some(extra) = &self.extra {
                 at_particle = extra.impulses[channel * members + member];
                 let stress = &extra.stresses[channel * members + member];
-                pk1 = sum(&pk1, stress);
+                pk1 = matadd(&pk1, stress);
             }
             let value = &self.bodies[self.first(block, 0) + member];
             let body = &self.bodies[self.first(block, channel) + member];
@@ -356,12 +356,6 @@ impl<L: Lanes> Blocks<L> {
             }
         }
     }
-}
-
-/// A + B.
-#[inline(always)]
-fn sum<L: Lanes>(a: &Mat3<L>, b: &Mat3<L>) -> Mat3<L> {
-    [add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])]
 }
 
 /// One channel of what is missing from a gripped particle to its place, times a factor.

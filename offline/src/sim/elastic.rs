@@ -1,7 +1,7 @@
 //! Fixed-corotated elasticity (Stomakhin et al. 2012): energy density and first Piola-Kirchhoff stress.
 
 use super::real::Arithmetic;
-use super::tensor::{Mat3, Vec3, add, cross, det, dot, mul, transpose_inverse};
+use super::tensor::{Mat3, Vec3, cross, det, dot, matadd, mul, transpose_inverse};
 
 /// Lamé parameters, Pa.
 #[derive(Clone, Copy, Debug)]
@@ -230,18 +230,11 @@ impl<T: Arithmetic> Straining<T> {
             }
         }
         symmetrise(&mut twice);
-        let (mut change, by_viscosity) = (
-            isotropic(&twice, viscosities[0]),
-            isotropic(&self.twice, viscosities[1]),
+        let change = matadd(
+            &isotropic(&twice, viscosities[0]),
+            &isotropic(&self.twice, viscosities[1]),
         );
-        for a in 0..3 {
-            change[a] = add(change[a], by_viscosity[a]);
-        }
-        let (mut dp, of_stress) = (times(df, &self.stress), times(f, &change));
-        for a in 0..3 {
-            dp[a] = add(dp[a], of_stress[a]);
-        }
-        dp
+        matadd(&times(df, &self.stress), &times(f, &change))
     }
 
     /// Pulls a derivative with respect to P back to the deformation gradient, its rate, and both
@@ -270,12 +263,8 @@ impl<T: Arithmetic> Straining<T> {
         symmetrise(&mut wanted);
         // With respect to sym(Fᵀ Ḟ): symmetric, like what it is made of.
         let strain = isotropic(&wanted, viscosity);
-        let (mut of_gradient, turned) = (times(bar, &self.stress), times(rate, &strain));
-        for a in 0..3 {
-            of_gradient[a] = add(of_gradient[a], turned[a]);
-        }
         StrainingCotangent {
-            deformation_gradient: of_gradient,
+            deformation_gradient: matadd(&times(bar, &self.stress), &times(rate, &strain)),
             rate: times(f, &strain),
             viscosity: [shear + across, volume],
         }

@@ -1,16 +1,15 @@
-//! The two ways to do the steps of a rollout: many particles at a time, and one after the other.
+//! A way to do the steps of a rollout, and the plain one: one particle after the other. The other, many at
+//! a time, is [`super::sweep`].
 
 use super::clamp::{RigidMotion, grip_forces_n};
 use super::error::Cause;
 use super::grid::{Grid, GridSpec};
-use super::lanes::{Instructions, Laned};
 use super::material::Material;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::{
     ImpulseField, Particle, StepContext, grid_to_particles, particles_to_grid, scatter, update_nodes,
 };
-use super::sweep::Sweep;
 use super::tensor::{Vec3, add, norm, scaled, value3, zero3};
 
 /// A way to do the steps.
@@ -49,55 +48,6 @@ pub(super) trait Engine<T> {
     fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
     /// A member of a slice and its velocity, m and m/s.
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
-}
-
-impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
-    #[inline(always)]
-    fn new(
-        context: &StepContext<T>,
-        layout: &RopeLayout,
-        grid: GridSpec,
-        particles: Vec<Particle<T>>,
-        _material: Material<T>,
-    ) -> Self {
-        Sweep::new(context, layout, grid, &particles)
-    }
-    #[inline(always)]
-    fn sweep(
-        &mut self,
-        context: &StepContext<T>,
-        motions: &[Option<RigidMotion<T>>],
-        decay: f64,
-    ) -> Result<(), Cause> {
-        Sweep::sweep(self, context, motions, decay)
-    }
-    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
-        Sweep::push(self, context, force_n_m, lengths_m);
-    }
-    #[inline(always)]
-    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
-        Sweep::update_nodes(self, context, decay);
-    }
-    fn set_node_velocities(&mut self, _velocities_m_s: &[Vec3<T>]) {
-        unreachable!("scenes that start in motion run one particle after the other");
-    }
-    #[inline(always)]
-    fn fastest(&self) -> (usize, f64) {
-        Sweep::fastest(self)
-    }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
-        Sweep::grip_forces_n(self, motions, clamp_per_kg)
-    }
-    fn slices(&self) -> usize {
-        Sweep::slices(self)
-    }
-    #[inline(always)]
-    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
-        Sweep::slice_mean(self, slice)
-    }
-    fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
-        Sweep::member(self, slice, member)
-    }
 }
 
 /// One particle after the other.

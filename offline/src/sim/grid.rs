@@ -13,6 +13,7 @@
 use super::kernel::weights;
 use super::real::Real;
 use super::rope::RopeLayout;
+use super::tensor::add;
 
 /// Number of nodes that a particle meets.
 pub const STENCIL: usize = 27;
@@ -128,6 +129,28 @@ impl<T: Real> Grid<T> {
             self.contact.fill([zero; 2]);
             self.constrained = false;
         }
+    }
+}
+
+impl Grid<f64> {
+    /// From a particle to a node of its stencil in undeformed coordinates, m.
+    #[inline(always)]
+    pub fn offset_m(&self, particle: usize, entry: usize) -> [f64; 3] {
+        let index = [entry / 9, entry / 3 % 3, entry % 3];
+        let link = &self.links[particle];
+        std::array::from_fn(|k| (index[k] as f64 - 1.0) * self.spacing_m - link.offset_m[k])
+    }
+
+    /// Where the nodes lie in the undeformed rope, (s, side, up), m.
+    pub fn nodes_material_m(&self, layout: &RopeLayout) -> Vec<[f64; 3]> {
+        let mut nodes = vec![[0.0; 3]; self.mass_kg.len()];
+        for (particle, link) in self.links.iter().enumerate() {
+            let material_m = layout.material_m(particle);
+            for (entry, &slot) in link.slots.iter().enumerate() {
+                nodes[slot as usize] = add(material_m, self.offset_m(particle, entry));
+            }
+        }
+        nodes
     }
 }
 

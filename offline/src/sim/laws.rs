@@ -3,11 +3,12 @@
 
 use super::blocks::{Blocks, Body, Extra};
 use super::lanes::{Instructions, Laned, Lanes, MOST_LANES};
-use super::physics::{ForcePoint, StressPoint};
+use super::material::add_stress_laws;
+use super::physics::ForcePoint;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::StepContext;
-use super::tensor::{Mat3, Vec3, add, dot, matmul, matmul_transposed, mul, scaled, transpose_inverse, zero3};
+use super::tensor::{Mat3, Vec3, det, scaled, zero3};
 
 /// What evaluating the laws needs besides the particles.
 pub struct Laws {
@@ -123,23 +124,18 @@ impl<B: Real> Unpacked<B> {
     }
 
     fn impulse<T: Laned<Base = B>>(&self, context: &StepContext<T>, lane: usize, length_m: f64) -> Vec3<T> {
-        let mut sum = zero3();
         if context.physics.force_laws.is_empty() {
-            return sum;
+            return zero3();
         }
-        let axis: Vec3<T> = std::array::from_fn(|a| self.number(lane, 3 * a));
         let point = ForcePoint {
             position_m: self.vector(lane, 18),
             velocity_m_s: self.vector(lane, 21),
-            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+            tangent: ForcePoint::tangent(&self.matrix(lane, 0)),
             length_m,
             diameter_m: context.diameter_m,
             mass_kg: self.number(lane, 24),
         };
-        for law in &context.physics.force_laws {
-            sum = add(sum, scaled(law.force_n(&point), context.dt_s));
-        }
-        sum
+        scaled(context.physics.force_n(&point), context.dt_s)
     }
 
     /// The Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
@@ -150,17 +146,7 @@ impl<B: Real> Unpacked<B> {
         }
         let f: Mat3<T> = self.matrix(lane, 0);
         let rate: Mat3<T> = self.matrix(lane, 9).map(|row| scaled(row, 1.0 / spacing_m));
-        let inverse_transposed = transpose_inverse(&f);
-        let point = StressPoint {
-            deformation_gradient: &f,
-            velocity_gradient: &matmul_transposed(&rate, &inverse_transposed),
-            volume_ratio: super::tensor::det(&f),
-            lame: &context.lame,
-        };
-        for law in &context.physics.stress_laws {
-            let extra = matmul(&law.kirchhoff_pa(&point), &inverse_transposed);
-            sum = std::array::from_fn(|a| add(sum[a], extra[a]));
-        }
+        add_stress_laws((&f, &rate), context.physics, &context.lame, det(&f), &mut sum);
         sum
     }
 }

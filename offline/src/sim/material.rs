@@ -20,7 +20,7 @@ use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::tensor::{
-    Mat3, add, det, identity, matmul, matmul_transposed, mul, transpose, transpose_inverse, zero3,
+    Mat3, det, identity, matadd, matmul, matmul_transposed, mul, transpose, transpose_inverse, zero3,
 };
 
 /// State of the material, particle by particle and slice by slice. Lists are empty where nothing needs
@@ -128,9 +128,7 @@ impl<T: Real> Material<T> {
         let mut sum: Mat3<T> = [zero3(); 3];
         for index in slice * self.section..(slice + 1) * self.section {
             let f = self.elastic(index, gradients(index));
-            for k in 0..3 {
-                sum[k] = add(sum[k], f[k]);
-            }
+            sum = matadd(&sum, &f);
         }
         sum.map(|row| row.map(|x| x.scale(1.0 / self.section as f64)))
     }
@@ -159,10 +157,10 @@ impl<T: Real> Material<T> {
                 Some(a) => matmul_transposed(common, a),
                 None => *common,
             };
-            add_to(&mut pk1, &common);
+            pk1 = matadd(&pk1, &common);
         }
         for (law, memories) in physics.memory_laws.iter().zip(&self.memories) {
-            add_to(&mut pk1, &matmul(f, &law.second_piola_pa(&memories[index], lame)));
+            pk1 = matadd(&pk1, &matmul(f, &law.second_piola_pa(&memories[index], lame)));
         }
         (pk1, j)
     }
@@ -203,12 +201,6 @@ impl<T: Real> Material<T> {
             sum += ((T::one() - c) * common).scale(volume_m3[members].iter().sum());
         }
         sum
-    }
-}
-
-fn add_to<T: Real>(sum: &mut Mat3<T>, more: &Mat3<T>) {
-    for k in 0..3 {
-        sum[k] = add(sum[k], more[k]);
     }
 }
 
@@ -271,6 +263,6 @@ pub(super) fn add_stress_laws<T: Real>(
             volume_ratio: j,
             lame,
         });
-        add_to(pk1, &matmul(&kirchhoff, &inverse_transposed));
+        *pk1 = matadd(pk1, &matmul(&kirchhoff, &inverse_transposed));
     }
 }

@@ -5,7 +5,7 @@ use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::{RopeLayout, RopeShape};
-use super::tensor::{Mat3, Vec3, zero3};
+use super::tensor::{Mat3, Vec3, add, dot, mul, zero3};
 
 /// Standard acceleration of free fall, m/s² (CGPM 1901, rounded).
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -62,6 +62,14 @@ pub struct ForcePoint<T> {
     pub diameter_m: f64,
     /// Mass of the particle, kg.
     pub mass_kg: T,
+}
+
+impl<T: Real> ForcePoint<T> {
+    /// Unit tangent of the rope where it has a deformation gradient.
+    pub fn tangent(f: &Mat3<T>) -> Vec3<T> {
+        let axis = [f[0][0], f[1][0], f[2][0]];
+        mul(axis, T::one() / dot(axis, axis).sqrt())
+    }
 }
 
 /// A stress besides elasticity.
@@ -236,6 +244,12 @@ impl<T: Real> Physics<T> {
             sum += law.clock_offset_s();
         }
         sum
+    }
+
+    /// Sum of the force laws at a piece of rope, N.
+    pub fn force_n(&self, point: &ForcePoint<T>) -> Vec3<T> {
+        let laws = self.force_laws.iter();
+        laws.fold(zero3(), |sum, law| add(sum, law.force_n(point)))
     }
 
     /// Elastic moduli.

@@ -12,7 +12,7 @@ use super::material::Material;
 use super::physics::{MemoryLaw, Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::{Grip, Scene, fastest_pa};
+use super::scene::{Grip, Scene, fastest_pa, require};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
@@ -168,6 +168,8 @@ pub(super) struct Setup<'a, T> {
     pub(super) scene: &'a Scene,
     pub(super) layout: RopeLayout,
     pub(super) masses_kg: Vec<T>,
+    /// The material before the first step.
+    material: Material<T>,
     /// Length of rope of a particle of each slice, m.
     lengths_m: Vec<f64>,
     pub(super) context: StepContext<'a, T>,
@@ -184,16 +186,16 @@ impl<'a, T: Real> Setup<'a, T> {
         let late_s = (-physics.clock_offset_s().value()).max(0.0);
         // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
-        if !physics.shape_laws.is_empty() {
-            let rest = Material::new(physics, &layout, &mouths(scene)).least_rest_volume();
-            require_rest_volume(rest)?;
-        }
+        let material = Material::new(physics, &layout, &mouths(scene));
+        let rest = material.least_rest_volume();
+        require("volume of the shape at rest", rest, rest > LEAST_REST_VOLUME)?;
         let masses_kg = masses_kg(scene, physics, &layout);
         let context = StepContext::new(scene, physics, dt_s, layout.section_m.len());
         let share = 1.0 / context.section as f64;
         Ok(Self {
             scene,
             masses_kg,
+            material,
             lengths_m: layout.slices.iter().map(|s| s.length_m * share).collect(),
             steps,
             layout,
@@ -245,8 +247,8 @@ impl<'a, T: Real> Setup<'a, T> {
 
     #[inline(always)]
     fn engine_of<E: Engine<T>>(&self, particles: Vec<Particle<T>>) -> E {
-        let material = Material::new(self.context.physics, &self.layout, &mouths(self.scene));
-        E::new(&self.context, &self.layout, self.scene.grid, particles, material)
+        let (layout, material) = (&self.layout, self.material.clone());
+        E::new(&self.context, layout, self.scene.grid, particles, material)
     }
 
     /// The same where the rope may hang at the start.
@@ -408,22 +410,13 @@ fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
-    let bad = |name, value| Err(SimError::at_start(Cause::BadParameter { name, value }));
     let (young, poisson) = (physics.young_pa.value(), physics.poisson.value());
-    if !(young.is_finite() && young > 0.0) {
-        return bad("young_pa", young);
-    }
-    if !(poisson > -0.99 && poisson < 0.499) {
-        return bad("poisson", poisson);
-    }
+    require("young_pa", young, young.is_finite() && young > 0.0)?;
+    require("poisson", poisson, poisson > -0.99 && poisson < 0.499)?;
     let friction = physics.friction.value();
-    if !(friction.is_finite() && friction >= 0.0) {
-        return bad("friction", friction);
-    }
-    for component in physics.gravity_m_s2 {
-        if !component.value().is_finite() {
-            return bad("gravity_m_s2", component.value());
-        }
+    require("friction", friction, friction.is_finite() && friction >= 0.0)?;
+    for component in physics.gravity_m_s2.map(T::value) {
+        require("gravity_m_s2", component, component.is_finite())?;
     }
     Ok(())
 }
@@ -431,14 +424,6 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
 /// Least volume of a shape at rest over the undeformed one: a rope bent further has no inner side left, and
 /// what is left of it would need steps far shorter than the rest.
 const LEAST_REST_VOLUME: f64 = 0.2;
-
-fn require_rest_volume(value: f64) -> Result<(), SimError> {
-    if value > LEAST_REST_VOLUME {
-        return Ok(());
-    }
-    let name = "volume of the shape at rest";
-    Err(SimError::at_start(Cause::BadParameter { name, value }))
-}
 
 /// Steps between two looks for runaway particles.
 const CHECK_EVERY: usize = 16;

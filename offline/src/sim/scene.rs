@@ -551,7 +551,8 @@ fn position_of(pose: &[f64; 7]) -> [f64; 3] {
     [pose[0], pose[1], pose[2]]
 }
 
-fn require(name: &'static str, value: f64, holds: bool) -> Result<(), SimError> {
+/// Refuses a parameter that is outside its range.
+pub(super) fn require(name: &'static str, value: f64, holds: bool) -> Result<(), SimError> {
     if holds {
         return Ok(());
     }

@@ -16,12 +16,13 @@ use super::dual::Dual;
 use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
-use super::physics::{ForcePoint, Physics, StressPoint};
+use super::material::add_stress_laws;
+use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
 use super::rollout::{grip_motions, masses_kg, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, dot, matmul, mul, scaled, sub, transpose_inverse, zero3};
+use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub, zero3};
 
 /// A spring that pulls the rope's axis to a point where it was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +99,12 @@ impl<'a, T: Real> Statics<'a, T> {
             place: Vec::new(),
             band: 0,
         };
-        let along: Vec<f64> = statics.undeformed().iter().map(|m| m[0]).collect();
+        let along: Vec<f64> = statics
+            .grid
+            .nodes_material_m(&statics.layout)
+            .iter()
+            .map(|m| m[0])
+            .collect();
         let mut order: Vec<usize> = (0..along.len()).collect();
         order.sort_by(|&a, &b| along[a].total_cmp(&along[b]));
         statics.place = vec![0; order.len()];
@@ -127,26 +133,6 @@ impl<'a, T: Real> Statics<'a, T> {
         statics
     }
 
-    /// Undeformed coordinates of the nodes, m.
-    fn undeformed(&self) -> Vec<[f64; 3]> {
-        let mut nodes = vec![[0.0; 3]; self.grid.mass_kg.len()];
-        for (p, link) in self.grid.links.iter().enumerate() {
-            let material = self.layout.material_m(p);
-            for (entry, slot) in link.slots.iter().enumerate() {
-                nodes[*slot as usize] = add(material, self.offset(p, entry));
-            }
-        }
-        nodes
-    }
-
-    /// From particle `p` to a node of its stencil in undeformed coordinates, m.
-    #[inline(always)]
-    fn offset(&self, p: usize, entry: usize) -> [f64; 3] {
-        let index = [entry / 9, entry / 3 % 3, entry % 3];
-        let link = &self.grid.links[p];
-        std::array::from_fn(|k| (index[k] as f64 - 1.0) * self.grid.spacing_m - link.offset_m[k])
-    }
-
     /// Position and deformation gradient of particle `p`.
     pub fn particle(&self, nodes: &[Vec3<T>], p: usize) -> (Vec3<T>, Mat3<T>) {
         let link = &self.grid.links[p];
@@ -155,7 +141,7 @@ impl<'a, T: Real> Statics<'a, T> {
         // Differences to one node keep digits: the gradient of a constant is zero.
         let origin = nodes[link.slots[13] as usize];
         for entry in 0..STENCIL {
-            let (weight, d) = (link.weights[entry], self.offset(p, entry));
+            let (weight, d) = (link.weights[entry], self.grid.offset_m(p, entry));
             let y = sub(nodes[link.slots[entry] as usize], origin);
             x = add(x, scaled(y, weight));
             for a in 0..3 {
@@ -174,7 +160,11 @@ impl<'a, T: Real> Statics<'a, T> {
     pub fn solve(&self, pose: &Pose) -> Result<Nodes<T>, Cause> {
         let held = self.held(pose.t_s);
         let pins = self.pin_rows(&pose.pins);
-        let guess = self.undeformed().into_iter().map(|m| pose.guess.place(m));
+        let guess = self
+            .grid
+            .nodes_material_m(&self.layout)
+            .into_iter()
+            .map(|m| pose.guess.place(m));
         let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
         // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
         // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
@@ -270,7 +260,7 @@ impl<'a, T: Real> Statics<'a, T> {
             }
             for entry in 0..STENCIL {
                 let weight = link.weights[entry];
-                let d = self.offset(p, entry);
+                let d = self.grid.offset_m(p, entry);
                 let inner: Vec3<T> = std::array::from_fn(|a| {
                     stress[a][0].scale(d[0]) + stress[a][1].scale(d[1]) + stress[a][2].scale(d[2])
                 });
@@ -300,18 +290,8 @@ impl<'a, T: Real> Statics<'a, T> {
                 det: j.value(),
             });
         }
-        let inverse_transposed = transpose_inverse(f);
-        for law in &self.physics.stress_laws {
-            let kirchhoff = law.kirchhoff_pa(&StressPoint {
-                deformation_gradient: f,
-                velocity_gradient: &[zero3(); 3],
-                volume_ratio: j,
-                lame: &self.lame,
-            });
-            let extra = matmul(&kirchhoff, &inverse_transposed);
-            for a in 0..3 {
-                pk1[a] = add(pk1[a], extra[a]);
-            }
+        if !self.physics.stress_laws.is_empty() {
+            add_stress_laws((f, &[zero3(); 3]), self.physics, &self.lame, j, &mut pk1);
         }
         Ok(pk1)
     }
@@ -320,17 +300,15 @@ impl<'a, T: Real> Statics<'a, T> {
         if self.physics.force_laws.is_empty() {
             return zero3();
         }
-        let axis = [f[0][0], f[1][0], f[2][0]];
         let point = ForcePoint {
             position_m,
             velocity_m_s: zero3(),
-            tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+            tangent: ForcePoint::tangent(f),
             length_m: self.layout.particle_length_m(p),
             diameter_m: self.scene.rope.diameter_m,
             mass_kg: self.masses_kg[p],
         };
-        let laws = self.physics.force_laws.iter();
-        laws.fold(zero3(), |sum, law| add(sum, law.force_n(&point)))
+        self.physics.force_n(&point)
     }
 
     /// The elastic tangent matrix with clamps and pins, made positive definite by as much inertia
@@ -377,8 +355,11 @@ impl<'a, T: Real> Statics<'a, T> {
             let slope = stress_slope(&f.map(|row| row.map(T::value)), &lame);
             let volume = self.layout.particle_volume_m3(p);
             let spring = held[p].map_or(0.0, |_| (self.masses_kg[p] * self.clamp_per_kg).value());
-            let gradient: [[f64; 3]; STENCIL] =
-                std::array::from_fn(|entry| self.offset(p, entry).map(|d| d * scale * link.weights[entry]));
+            let gradient: [[f64; 3]; STENCIL] = std::array::from_fn(|entry| {
+                self.grid
+                    .offset_m(p, entry)
+                    .map(|d| d * scale * link.weights[entry])
+            });
             let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
             for j in 0..STENCIL {
                 // ∂P/∂y_j, a 3 × 3 × 3 block: rows (a, b), columns c.

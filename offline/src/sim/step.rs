@@ -8,7 +8,7 @@ use super::material::{Material, Motion};
 use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, mul, scaled, sub};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +51,8 @@ pub struct StepContext<'a, T> {
     pub dt_s: f64,
     /// Diameter of the rope, m.
     pub diameter_m: f64,
+    /// Share of a node's velocity that is replaced in a step by what its particles carry.
+    pub forgotten: f64,
     /// Stiffness of a clamp's spring as a multiple of its particle's mass over the square of the time step.
     pub clamp_stiffness: f64,
     /// Height of the table, m.
@@ -73,16 +75,12 @@ impl<'a, T: Real> StepContext<'a, T> {
             lame: physics.lame(),
             viscosity: physics.viscosity(&scene.rope),
             dt_s,
+            forgotten: -libm::expm1(-dt_s / FORGET_S),
             diameter_m: scene.rope.diameter_m,
             clamp_stiffness: scene.clamp_stiffness(),
             table_m: scene.table.map(|table| table.height_m),
             section,
         }
-    }
-
-    /// Share of a node's velocity that is replaced in a step by what its particles carry.
-    pub fn forgotten(&self) -> f64 {
-        -libm::expm1(-self.dt_s / FORGET_S)
     }
 
     /// Stiffness of a clamp's spring over its particle's mass, 1/s².
@@ -119,7 +117,7 @@ pub fn particles_to_grid<T: Real>(
     motions: &[Option<RigidMotion<T>>],
     decay: f64,
 ) -> Result<(), Cause> {
-    let carried = decay * context.forgotten();
+    let carried = decay * context.forgotten;
     grid.clear();
     material.advance(context.physics, context.dt_s, |index| particles[index].motion());
     for (index, particle) in particles.iter().enumerate() {
@@ -189,19 +187,15 @@ fn add_momentum<T: Real>(particle: &Particle<T>, share: f64, field: &mut Impulse
 
 /// Sum of the force laws, N.
 pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>) -> Vec3<T> {
-    let f = &particle.deformation_gradient;
-    let axis = [f[0][0], f[1][0], f[2][0]];
     let point = ForcePoint {
         position_m: particle.position_m,
         velocity_m_s: particle.velocity_m_s,
-        tangent: mul(axis, T::one() / dot(axis, axis).sqrt()),
+        tangent: ForcePoint::tangent(&particle.deformation_gradient),
         length_m: particle.length_m,
         diameter_m: context.diameter_m,
         mass_kg: particle.mass_kg,
     };
-    let laws = &context.physics.force_laws;
-    laws.iter()
-        .fold([T::zero(); 3], |sum, law| add(sum, law.force_n(&point)))
+    context.physics.force_n(&point)
 }
 
 /// Why a deformation gradient with this determinant stops a run.
@@ -330,7 +324,7 @@ pub(super) fn asked_of_slice<T: Real>(
 #[inline(always)]
 pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay: f64) {
     let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
-    let kept = decay * (1.0 - context.forgotten());
+    let kept = decay * (1.0 - context.forgotten);
     for index in 0..grid.velocities_m_s.len() {
         let change = mul(T::unpack(grid.impulses[index]), grid.inverse_mass[index]);
         let kept = scaled(T::unpack(grid.velocities_m_s[index]), kept);
@@ -441,6 +435,7 @@ mod tests {
     use crate::sim::rollout::{initial_particles, masses_kg, mouths};
     use crate::sim::rope::RopeShape;
     use crate::sim::scene::fastest_pa;
+    use crate::sim::tensor::dot;
 
     const DENSITY_KG_M3: f64 = 1000.0;
     const YOUNG_PA: f64 = 1e6;

@@ -9,10 +9,12 @@
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
 use super::elastic::Lame;
+use super::engine::Engine;
 use super::error::Cause;
 use super::grid::GridSpec;
 use super::lanes::{Instructions, Laned, Lanes};
 use super::laws::Laws;
+use super::material::Material;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, NodeMasses, Rows, Update, update};
 use super::real::{Arithmetic, Real};
 use super::rope::RopeLayout;
@@ -36,12 +38,45 @@ pub struct Sweep<T: Laned, I: Instructions> {
 impl<T: Laned, I: Instructions> Sweep<T, I> {
     const COUNT: usize = <T::Plain<I> as Lanes>::COUNT;
 
-    /// A rope at rest in the state of `particles`, which lie slice by slice.
-    pub fn new(
+    /// The springs of table and clamps on the nodes, without what the particles give.
+    pub(super) fn springs(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        for block in 0..self.blocks.transfer.blocks() {
+            self.part(block, &Part::Press(block))?;
+        }
+        self.clamp(motions)
+    }
+
+    /// Does a part of a step for a block.
+    fn part(&mut self, block: usize, part: &Part<T::Plain<I>>) -> Result<(), Cause> {
+        let members = self.blocks.transfer.members.len();
+        <T::Plain<I> as Stepped>::step(&mut self.blocks, part).map_err(|stop| {
+            let particle = (block * Self::COUNT + stop.lane) * members + stop.member;
+            inverted_or_not_finite(particle, stop.det)
+        })
+    }
+
+    fn clamp(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
+        let motions: Vec<_> = motions
+            .iter()
+            .map(|motion| motion.as_ref().map(in_registers::<T, I>))
+            .collect();
+        for share in 0..self.blocks.held.len() {
+            let held = &self.blocks.held[share];
+            if let Some(motion) = &motions[held.grip] {
+                self.part(held.block, &Part::Clamp(share, motion))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
+    fn new(
         context: &StepContext<T>,
         layout: &RopeLayout,
         grid: GridSpec,
-        particles: &[Particle<T>],
+        particles: Vec<Particle<T>>,
+        _material: Material<T>,
     ) -> Self {
         let transfer = Transfer::<T::Plain<I>>::new(layout, grid);
         let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
@@ -106,15 +141,13 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         }
     }
 
-    /// Completes the last step and sums up the next at the nodes. `motions` holds the motion of each
-    /// closed grip at the end of the next step, `decay` multiplies every velocity in it.
-    pub fn sweep(
+    fn sweep(
         &mut self,
         context: &StepContext<T>,
         motions: &[Option<RigidMotion<T>>],
         decay: f64,
     ) -> Result<(), Cause> {
-        self.blocks.carried = decay * context.forgotten();
+        self.blocks.carried = decay * context.forgotten;
         for block in 0..self.blocks.transfer.blocks() {
             self.part(block, &Part::Move(block))?;
             if let Some(laws) = &self.laws {
@@ -126,39 +159,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         self.clamp(motions)
     }
 
-    /// The springs of table and clamps on the nodes, without what the particles give.
-    pub(super) fn springs(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        for block in 0..self.blocks.transfer.blocks() {
-            self.part(block, &Part::Press(block))?;
-        }
-        self.clamp(motions)
-    }
-
-    /// Does a part of a step for a block.
-    fn part(&mut self, block: usize, part: &Part<T::Plain<I>>) -> Result<(), Cause> {
-        let members = self.blocks.transfer.members.len();
-        <T::Plain<I> as Stepped>::step(&mut self.blocks, part).map_err(|stop| {
-            let particle = (block * Self::COUNT + stop.lane) * members + stop.member;
-            inverted_or_not_finite(particle, stop.det)
-        })
-    }
-
-    fn clamp(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        let motions: Vec<_> = motions
-            .iter()
-            .map(|motion| motion.as_ref().map(in_registers::<T, I>))
-            .collect();
-        for share in 0..self.blocks.held.len() {
-            let held = &self.blocks.held[share];
-            if let Some(motion) = &motions[held.grip] {
-                self.part(held.block, &Part::Clamp(share, motion))?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds the impulse that forces per length of the slices, N/m, give in the step at hand.
-    pub(super) fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
+    fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]) {
         let blocks = &mut self.blocks;
         for block in 0..blocks.transfer.blocks() {
             let real = (self.slices - block * Self::COUNT).min(Self::COUNT);
@@ -185,20 +186,22 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         }
     }
 
-    /// Updates the nodes; `decay` multiplies every velocity (1 outside settling).
     #[inline(always)]
-    pub fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
+    fn update_nodes(&mut self, context: &StepContext<T>, decay: f64) {
         let physics = context.physics;
         let what = Update {
             fall_m_s: physics.gravity_m_s2.map(|g| g.scale(context.dt_s)),
             friction: physics.friction,
-            kept: decay * (1.0 - context.forgotten()),
+            kept: decay * (1.0 - context.forgotten),
         };
         update::<T, I>(&mut self.blocks, &self.masses, &what);
     }
 
-    /// Largest speed, m/s, and its particle; NaN counts as largest.
-    pub fn fastest(&self) -> (usize, f64) {
+    fn set_node_velocities(&mut self, _velocities_m_s: &[Vec3<T>]) {
+        unreachable!("scenes that start in motion run one particle after the other");
+    }
+
+    fn fastest(&self) -> (usize, f64) {
         let members = self.blocks.transfer.members.len();
         let mut fastest = (0, 0.0);
         for block in 0..self.blocks.transfer.blocks() {
@@ -221,40 +224,7 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         fastest
     }
 
-    /// Middle of a slice and its velocity: means over its members, m and m/s.
-    pub fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
-        let members = self.blocks.transfer.members.len();
-        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
-        let mean = |vector: VectorOf<T::Plain<I>>| -> Vec3<T> {
-            std::array::from_fn(|a| {
-                let sum = T::from_channels(|k| {
-                    let first = (block * T::CHANNELS + k) * members;
-                    let mut sum = T::base(0.0);
-                    for body in &self.blocks.bodies[first..first + members] {
-                        sum += vector(body)[a].to_lanes()[lane];
-                    }
-                    sum
-                });
-                sum.scale(1.0 / members as f64)
-            })
-        };
-        (mean(|body| &body.position_m), mean(|body| &body.velocity_m_s))
-    }
-
-    /// A member of a slice and its velocity, m and m/s.
-    pub fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
-        let members = self.blocks.transfer.members.len();
-        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
-        let body = |k: usize| &self.blocks.bodies[(block * T::CHANNELS + k) * members + member];
-        (
-            std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].to_lanes()[lane])),
-            std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].to_lanes()[lane])),
-        )
-    }
-
-    /// Force of every grip on the rope in the step that ended in this state, N, as
-    /// [`super::clamp::grip_forces_n`] has it.
-    pub fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
         let members = self.blocks.transfer.members.len();
         let mut forces = vec![zero3(); motions.len()];
         for held in &self.blocks.held {
@@ -283,9 +253,37 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
         forces
     }
 
-    /// Number of slices.
-    pub fn slices(&self) -> usize {
+    fn slices(&self) -> usize {
         self.slices
+    }
+
+    fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
+        let members = self.blocks.transfer.members.len();
+        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
+        let mean = |vector: VectorOf<T::Plain<I>>| -> Vec3<T> {
+            std::array::from_fn(|a| {
+                let sum = T::from_channels(|k| {
+                    let first = (block * T::CHANNELS + k) * members;
+                    let mut sum = T::base(0.0);
+                    for body in &self.blocks.bodies[first..first + members] {
+                        sum += vector(body)[a].to_lanes()[lane];
+                    }
+                    sum
+                });
+                sum.scale(1.0 / members as f64)
+            })
+        };
+        (mean(|body| &body.position_m), mean(|body| &body.velocity_m_s))
+    }
+
+    fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
+        let members = self.blocks.transfer.members.len();
+        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
+        let body = |k: usize| &self.blocks.bodies[(block * T::CHANNELS + k) * members + member];
+        (
+            std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].to_lanes()[lane])),
+            std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].to_lanes()[lane])),
+        )
     }
 }
 

@@ -78,6 +78,12 @@ pub fn identity<T: Arithmetic>() -> Mat3<T> {
     [[l, o, o], [o, l, o], [o, o, l]]
 }
 
+/// A + B.
+#[inline(always)]
+pub fn matadd<T: Arithmetic>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
+    [add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])]
+}
+
 /// A B.
 #[inline(always)]
 pub fn matmul<T: Arithmetic>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {

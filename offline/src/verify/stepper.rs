@@ -23,7 +23,7 @@ pub struct Stepper<'a> {
     physics: &'a Physics<f64>,
     grid: Grid<f64>,
     /// Where the nodes lie in the undeformed rope, and where they are now, m.
-    nodes_material_m: Vec<Vector3<f64>>,
+    nodes_material_m: Vec<[f64; 3]>,
     nodes_m: Vec<Vector3<f64>>,
     /// Turns material axes (s, side, up) to those of the undeformed rope in the world.
     straight: Matrix3<f64>,
@@ -39,13 +39,13 @@ impl<'a> Stepper<'a> {
         let masses = masses_kg(scene, physics, &layout);
         let particles = initial_particles(scene, &layout, &masses);
         let grid = Grid::new(&layout, scene.grid, &masses);
-        let nodes_material_m = nodes_material_m(&grid, &layout);
+        let nodes_material_m = grid.nodes_material_m(&layout);
         Self {
             material: Material::new(physics, &layout, &mouths(scene)),
             dt_s: time_step_s(scene, physics),
             nodes_m: nodes_material_m
                 .iter()
-                .map(|m| scene.straight_m((*m).into()).into())
+                .map(|&m| scene.straight_m(m).into())
                 .collect(),
             nodes_material_m,
             straight: matrix(&particles[0].deformation_gradient),
@@ -86,7 +86,7 @@ impl<'a> Stepper<'a> {
     /// of the undeformed rope.
     pub fn set_material_motion(&mut self, field: impl Fn(Vector3<f64>) -> Vector3<f64>) {
         for (node, at) in self.grid.velocities_m_s.iter_mut().zip(&self.nodes_material_m) {
-            *node = f64::pack((self.straight * field(*at)).into());
+            *node = f64::pack((self.straight * field(Vector3::from(*at))).into());
         }
         grid_to_particles(&mut self.particles, &self.grid, 0.0);
     }
@@ -218,19 +218,6 @@ impl<'a> Stepper<'a> {
             .zip(velocities)
             .map(|((m, &x), v)| (m, x, v))
     }
-}
-
-/// Where the nodes of a grid lie in the undeformed rope, (s, side, up), m.
-fn nodes_material_m(grid: &Grid<f64>, layout: &RopeLayout) -> Vec<Vector3<f64>> {
-    let mut places = vec![Vector3::zeros(); grid.mass_kg.len()];
-    for (index, link) in grid.links.iter().enumerate() {
-        let middle = Vector3::from(layout.material_m(index)) - Vector3::from(link.offset_m);
-        for (entry, &slot) in link.slots.iter().enumerate() {
-            let cells = [entry / 9, entry / 3 % 3, entry % 3].map(|k| k as f64 - 1.0);
-            places[slot as usize] = middle + Vector3::from(cells) * grid.spacing_m;
-        }
-    }
-    places
 }
 
 /// A row-major matrix as nalgebra's.

@@ -5,11 +5,10 @@
 //! markers between them are the observations.
 
 use super::npy::Array;
-use super::{Follower, MASS_AND_DIAMETER, assumed_mass_kg, sample, stride};
+use super::{Follower, MASS_AND_DIAMETER, Source, assumed_mass_kg, sample, stride};
 use crate::demo::table::Table;
 use crate::demo::{
-    ClampSample, ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec,
-    SceneKind, StartState,
+    ClampSample, ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState,
 };
 use nalgebra::Vector3;
 use std::path::Path;
@@ -159,47 +158,42 @@ fn one(recording: Recording, rate_hz: f64) -> Demo {
     };
     let first = direction(0, 1);
     let last = direction(count - 2, count - 1);
-    Demo {
-        spec: DemoSpec {
-            format: FORMAT.to_owned(),
-            scene: SceneKind::Free,
-            noise_m: NOISE_M,
-            planar: false,
-            notes: format!(
-                "{}: rope held at both ends, motion capture (DEFORM). Arc lengths are the {ARC_QUANTILE} quantile of \
+    let source = Source {
+        scene: SceneKind::Free,
+        start: StartState::Moving,
+        noise_m: NOISE_M,
+        planar: false,
+        notes: format!(
+            "{}: rope held at both ends, motion capture (DEFORM). Arc lengths are the {ARC_QUANTILE} quantile of \
                  the markers' distances; samples with a second difference above {JUMP_M_S2} m/s2 are left out; one \
                  frame in {stride} kept. Diameter, mass and noise_m are assumed, the clamps' roll is unknown.",
-                recording.name
-            ),
-            start: StartState::Moving,
-            rope: RopeSpec {
-                length_m,
-                diameter_m: ASSUMED_DIAMETER_M,
-                mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
-                direction: first,
-                end_mass_kg: 0.0,
-                assumed: MASS_AND_DIAMETER.to_vec(),
-            },
-            table: None,
-            clamps: vec![
-                grip(RopeEnd::Start, arcs[1], first),
-                grip(RopeEnd::End, length_m - arcs[count - 2], last),
-            ],
-            cameras: Vec::new(),
+            recording.name
+        ),
+        rope: RopeSpec {
+            length_m,
+            diameter_m: ASSUMED_DIAMETER_M,
+            mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
+            direction: first,
+            end_mass_kg: 0.0,
+            assumed: MASS_AND_DIAMETER.to_vec(),
         },
         clamps: vec![
-            clamp(frames, 0, 1, 1.0),
-            clamp(frames, count - 1, count - 2, -1.0),
+            (grip(RopeEnd::Start, arcs[1], first), clamp(frames, 0, 1, 1.0)),
+            (
+                grip(RopeEnd::End, length_m - arcs[count - 2], last),
+                clamp(frames, count - 1, count - 2, -1.0),
+            ),
         ],
-        commanded: vec![None, None],
-        observations: Observations::Markers(markers),
+        markers,
         name: recording.name,
-    }
+    };
+    source.demo()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::demo::Observations;
 
     /// Seven markers 0.1 m apart in a straight line that moves sideways; marker 3 jumps once.
     #[test]

@@ -14,8 +14,11 @@ pub use noodle::noodle;
 pub use pac_cables::pac_cables;
 pub use wires::wires;
 
-use super::{ClampSample, RopeMeasure};
-use nalgebra::{Unit, UnitQuaternion, Vector3};
+use super::{
+    ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeMeasure, RopeSpec,
+    SceneKind, StartState,
+};
+use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 
 /// Both measures that can be assumed.
 const MASS_AND_DIAMETER: [RopeMeasure; 2] = [RopeMeasure::DiameterM, RopeMeasure::MassKg];
@@ -23,6 +26,44 @@ const MASS_AND_DIAMETER: [RopeMeasure; 2] = [RopeMeasure::DiameterM, RopeMeasure
 /// Mass of a round rod of an assumed density, kg.
 fn assumed_mass_kg(length_m: f64, diameter_m: f64, density_kg_m3: f64) -> f64 {
     density_kg_m3 * std::f64::consts::FRAC_PI_4 * diameter_m * diameter_m * length_m
+}
+
+/// What a source of labelled points says, as far as sources differ.
+struct Source {
+    name: String,
+    scene: SceneKind,
+    start: StartState,
+    noise_m: f64,
+    planar: bool,
+    notes: String,
+    rope: RopeSpec,
+    clamps: Vec<(ClampSpec, Vec<ClampSample>)>,
+    markers: Vec<MarkerSample>,
+}
+
+impl Source {
+    /// The demonstration: without table and cameras.
+    fn demo(self) -> Demo {
+        let (specs, samples): (Vec<ClampSpec>, Vec<Vec<ClampSample>>) = self.clamps.into_iter().unzip();
+        Demo {
+            name: self.name,
+            spec: DemoSpec {
+                format: FORMAT.to_owned(),
+                scene: self.scene,
+                noise_m: self.noise_m,
+                planar: self.planar,
+                notes: self.notes,
+                start: self.start,
+                rope: self.rope,
+                table: None,
+                clamps: specs,
+                cameras: Vec::new(),
+            },
+            commanded: vec![None; samples.len()],
+            clamps: samples,
+            observations: Observations::Markers(self.markers),
+        }
+    }
 }
 
 /// A closed clamp. The rope's end lies `behind_m` behind the point `at_m` against `direction`.
@@ -36,6 +77,12 @@ fn sample(t_s: f64, at_m: Vector3<f64>, behind_m: f64, direction: Vector3<f64>, 
 }
 
 type Turn = UnitQuaternion<f64>;
+
+/// The turn of a clamp's sample.
+fn turn_of(sample: &ClampSample) -> Turn {
+    let [x, y, z, w] = sample.quaternion_xyzw;
+    Turn::from_quaternion(Quaternion::new(w, x, y, z))
+}
 
 /// Every `stride`-th frame of a recording at `recorded_hz`, so that about `wanted_hz` are left.
 /// Frames are left out, never averaged.

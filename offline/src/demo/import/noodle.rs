@@ -1,12 +1,9 @@
 //! `noodle`: a foam cylinder moved by an arm at one end (PRB_Net; Mamedov et al., arXiv 2407.03476).
 
 use super::npy::Array;
-use super::{MASS_AND_DIAMETER, Turn, assumed_mass_kg, make_continuous, sample, stride};
+use super::{MASS_AND_DIAMETER, Source, assumed_mass_kg, make_continuous, sample, stride, turn_of};
 use crate::demo::table::Table;
-use crate::demo::{
-    ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
-    StartState,
-};
+use crate::demo::{ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;
 
@@ -72,44 +69,34 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
     }
     make_continuous(&mut clamp);
     let length_m = GRIP_M + FREE_M;
-    let direction = turn_of(&clamp[0].quaternion_xyzw) * Vector3::x();
+    let direction = turn_of(&clamp[0]) * Vector3::x();
     let name = file.trim_end_matches(".npy").to_owned();
-    Ok(Demo {
-        spec: DemoSpec {
-            format: FORMAT.to_owned(),
-            scene: SceneKind::Free,
-            noise_m: NOISE_M,
-            planar: false,
-            notes: format!(
-                "{name}: foam cylinder moved by an arm at its base (PRB_Net). Base from the arm's joints, markers \
+    let grip = ClampSpec {
+        end: RopeEnd::Start,
+        grip_m: GRIP_M,
+        direction: None,
+    };
+    let source = Source {
+        scene: SceneKind::Free,
+        start: StartState::Rest,
+        noise_m: NOISE_M,
+        planar: false,
+        notes: format!(
+            "{name}: foam cylinder moved by an arm at its base (PRB_Net). Base from the arm's joints, markers \
                  from motion capture, low-pass filtered by the source; one frame in {stride} kept. Diameter, mass, \
                  noise_m and the 50 mm of foam inside the clamp are assumed; the markers' masses are unknown."
-            ),
-            start: StartState::Rest,
-            rope: RopeSpec {
-                length_m,
-                diameter_m: ASSUMED_DIAMETER_M,
-                mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
-                direction: direction.into(),
-                end_mass_kg: 0.0,
-                assumed: MASS_AND_DIAMETER.to_vec(),
-            },
-            table: None,
-            clamps: vec![ClampSpec {
-                end: RopeEnd::Start,
-                grip_m: GRIP_M,
-                direction: None,
-            }],
-            cameras: Vec::new(),
+        ),
+        rope: RopeSpec {
+            length_m,
+            diameter_m: ASSUMED_DIAMETER_M,
+            mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
+            direction: direction.into(),
+            end_mass_kg: 0.0,
+            assumed: MASS_AND_DIAMETER.to_vec(),
         },
-        clamps: vec![clamp],
-        commanded: vec![None],
-        observations: Observations::Markers(markers),
+        clamps: vec![(grip, clamp)],
+        markers,
         name,
-    })
-}
-
-fn turn_of(xyzw: &[f64; 4]) -> Turn {
-    let [x, y, z, w] = *xyzw;
-    UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z))
+    };
+    Ok(source.demo())
 }

@@ -5,11 +5,10 @@
 //! up, which is a right-handed turn about +y. Poses are measured marker positions. Swings hold only
 //! the source's affine-curvature fit to the markers, of which middle and end point are taken.
 
-use super::sample;
+use super::{Source, sample, turn_of};
 use crate::demo::table::Table;
 use crate::demo::{
-    ClampSample, ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec,
-    SceneKind, StartState,
+    ClampSample, ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState,
 };
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;
@@ -212,43 +211,36 @@ struct Kind {
 }
 
 fn demo(cable: &Cable, kind: &Kind, clamp: Vec<ClampSample>, markers: Vec<MarkerSample>) -> Demo {
-    let turn = clamp[0].quaternion_xyzw;
-    let [x, y, z, w] = turn;
-    let turn = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+    let turn = turn_of(&clamp[0]);
     let length_m = cable.free_m + GRIP_M;
-    Demo {
+    let grip = ClampSpec {
+        end: RopeEnd::Start,
+        grip_m: GRIP_M,
+        direction: None,
+    };
+    let source = Source {
         name: format!("{}-{}", cable.name.replace('_', "-"), kind.suffix),
-        spec: DemoSpec {
-            format: FORMAT.to_owned(),
-            scene: kind.scene,
-            noise_m: kind.noise_m,
-            planar: true,
-            notes: format!(
-                "{}: {} (PAC_model_matlab). Masses, free length {} m and diameter measured by the source; noise_m \
+        scene: kind.scene,
+        start: kind.start,
+        noise_m: kind.noise_m,
+        planar: true,
+        notes: format!(
+            "{}: {} (PAC_model_matlab). Masses, free length {} m and diameter measured by the source; noise_m \
                  and the 20 mm of cable inside the clamp are assumed.",
-                cable.name, kind.what, cable.free_m
-            ),
-            start: kind.start,
-            rope: RopeSpec {
-                length_m,
-                diameter_m: cable.diameter_m,
-                mass_kg: cable.mass_kg * length_m / cable.free_m,
-                direction: (turn * -Vector3::z()).into(),
-                end_mass_kg: cable.end_mass_kg,
-                assumed: Vec::new(),
-            },
-            table: None,
-            clamps: vec![ClampSpec {
-                end: RopeEnd::Start,
-                grip_m: GRIP_M,
-                direction: None,
-            }],
-            cameras: Vec::new(),
+            cable.name, kind.what, cable.free_m
+        ),
+        rope: RopeSpec {
+            length_m,
+            diameter_m: cable.diameter_m,
+            mass_kg: cable.mass_kg * length_m / cable.free_m,
+            direction: (turn * -Vector3::z()).into(),
+            end_mass_kg: cable.end_mass_kg,
+            assumed: Vec::new(),
         },
-        clamps: vec![clamp],
-        commanded: vec![None],
-        observations: Observations::Markers(markers),
-    }
+        clamps: vec![(grip, clamp)],
+        markers,
+    };
+    source.demo()
 }
 
 #[cfg(test)]

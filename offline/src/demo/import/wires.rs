@@ -1,12 +1,9 @@
 //! `wires`: hanging loops of three wires (adapteddlo_muj; Chen, Bretl and Pham, arXiv 2310.00911),
 //! each photographed at rest between two level clamps.
 
-use super::{RopeMeasure, sample};
+use super::{RopeMeasure, Source, sample};
 use crate::demo::table::Table;
-use crate::demo::{
-    ClampSpec, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
-    StartState,
-};
+use crate::demo::{ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;
 
@@ -60,37 +57,37 @@ fn one(dir: &Path, manifest: &Table, row: usize) -> Result<Demo, DemoError> {
         direction: Some(along.into()),
     };
     let name = format!("{}-{}", manifest.text(row, "wire"), manifest.text(row, "trial"));
-    Ok(Demo {
-        spec: DemoSpec {
-            format: FORMAT.to_owned(),
-            scene: SceneKind::Static,
-            noise_m: NOISE_M,
-            planar: true,
-            notes: format!(
-                "Wire {name}: a loop that hangs at rest between level clamps {gap_m} m apart, points clicked on a \
+    let source = Source {
+        scene: SceneKind::Static,
+        start: StartState::Straight,
+        noise_m: NOISE_M,
+        planar: true,
+        notes: format!(
+            "Wire {name}: a loop that hangs at rest between level clamps {gap_m} m apart, points clicked on a \
                  photograph (adapteddlo_muj, MIT). Mass per length weighed; diameter, noise_m and the 20 mm of \
                  wire inside each clamp are assumed. Critical twist {} degrees.",
-                manifest.text(row, "critical_twist_deg")
-            ),
-            start: StartState::Straight,
-            rope: RopeSpec {
-                length_m,
-                diameter_m: ASSUMED_DIAMETER_M,
-                mass_kg: manifest.number(row, "mass_per_length_kg_m")? * length_m,
-                direction: along.into(),
-                end_mass_kg: 0.0,
-                assumed: vec![RopeMeasure::DiameterM],
-            },
-            table: None,
-            clamps: vec![clamp(RopeEnd::Start), clamp(RopeEnd::End)],
-            cameras: Vec::new(),
+            manifest.text(row, "critical_twist_deg")
+        ),
+        rope: RopeSpec {
+            length_m,
+            diameter_m: ASSUMED_DIAMETER_M,
+            mass_kg: manifest.number(row, "mass_per_length_kg_m")? * length_m,
+            direction: along.into(),
+            end_mass_kg: 0.0,
+            assumed: vec![RopeMeasure::DiameterM],
         },
         clamps: vec![
-            vec![sample(0.0, Vector3::zeros(), GRIP_M, along, still)],
-            vec![sample(0.0, Vector3::new(-gap_m, 0.0, 0.0), -GRIP_M, along, still)],
+            (
+                clamp(RopeEnd::Start),
+                vec![sample(0.0, Vector3::zeros(), GRIP_M, along, still)],
+            ),
+            (
+                clamp(RopeEnd::End),
+                vec![sample(0.0, Vector3::new(-gap_m, 0.0, 0.0), -GRIP_M, along, still)],
+            ),
         ],
-        commanded: vec![None, None],
-        observations: Observations::Markers(markers),
+        markers,
         name,
-    })
+    };
+    Ok(source.demo())
 }

@@ -120,19 +120,19 @@ pub(super) struct FreeCotangent<F> {
     pub(super) mass: F,
 }
 
-/// Pulls back v = decay u + n/M + g dt to the velocity u `before` the step, the impulse n and the mass M.
+/// Pulls back v = kept u + n/M + g dt to the velocity u `before` the step, the impulse n and the mass M.
 #[inline(always)]
 pub(super) fn pull_back_free<F: Precision>(
     cotangent: &NodeCotangent<F>,
     inverse_mass: F,
     before: Vec3<F>,
     fall: Vec3<F>,
-    decay: f64,
+    kept: f64,
 ) -> FreeCotangent<F> {
-    let velocity = scaled(cotangent.velocity, decay);
+    let velocity = scaled(cotangent.velocity, kept);
     let impulse = mul(cotangent.velocity, inverse_mass);
     // What the impulse did, n/M.
-    let pushed = sub(sub(cotangent.before, fall), scaled(before, decay));
+    let pushed = sub(sub(cotangent.before, fall), scaled(before, kept));
     FreeCotangent {
         velocity,
         impulse,

@@ -80,7 +80,8 @@ struct WayBack<'a, F: Precision, I: Instructions> {
     rates: Vec<Mat3<F::Plain<I>>>,
     /// Derivatives with respect to that state.
     bars: Vec<StateCotangent<F::Plain<I>>>,
-    /// Derivatives with respect to the nodes: velocity, impulse, clamps, contact.
+    /// Derivatives with respect to the nodes: velocity, carried on from step to step; impulse; clamps;
+    /// contact.
     node_bars: Vec<F>,
     impulse_bars: Vec<F>,
     clamp_bars: Vec<F>,
@@ -219,7 +220,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             .springs(&motions)
             .map_err(|cause| self.setup.stop(number, cause))?;
         self.spread();
-        let (decay, forgotten) = (self.setup.decay(number), self.setup.context.forgotten());
+        let (decay, forgotten) = (self.setup.decay(number), self.setup.context.forgotten);
         self.nodes(velocities, decay * (1.0 - forgotten));
         self.particles(number, decay * forgotten);
         if self.engine.blocks.constrained.iter().any(|&c| c) {
@@ -257,9 +258,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     }
 
     /// Derivatives with respect to velocities after the update of the nodes become those with respect to
-    /// velocities before it and to impulses.
+    /// velocities before it, of which the share `kept` stays, and to impulses.
     #[inline(always)]
-    fn nodes(&mut self, velocities: [&[F]; 2], decay: f64) {
+    fn nodes(&mut self, velocities: [&[F]; 2], kept: f64) {
         let width = self.engine.blocks.transfer.width;
         let mut gravity = [F::Plain::<I>::zero(); 3];
         let constrained = self.engine.blocks.constrained.iter().any(|&c| c);
@@ -270,7 +271,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         for plane in 0..self.engine.blocks.transfer.planes {
             if self.engine.blocks.constrained[plane] || self.weighed {
                 for node in 0..width {
-                    self.node(plane, node, velocities, decay);
+                    self.node(plane, node, velocities, kept);
                 }
                 continue;
             }
@@ -282,7 +283,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 for node in (0..width).step_by(Self::count()) {
                     let bar = F::Plain::<I>::load(&row[node..]);
                     *gravity += bar;
-                    bar.scale(decay).store(&mut row[node..]);
+                    bar.scale(kept).store(&mut row[node..]);
                     (bar * F::Plain::<I>::load(&inverse[node..])).store(&mut impulses[node..]);
                 }
             }
@@ -293,7 +294,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     }
 
     /// The same for one node with all that may act on it.
-    fn node(&mut self, plane: usize, node: usize, [before, after]: [&[F]; 2], decay: f64) {
+    fn node(&mut self, plane: usize, node: usize, [before, after]: [&[F]; 2], kept: f64) {
         let (context, width) = (&self.setup.context, self.engine.blocks.transfer.width);
         let at = |rows: usize, row: usize| (plane * rows + row) * width + node;
         let (nodes, masses) = (&self.engine.blocks, &self.engine.masses);
@@ -311,7 +312,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let bar = forces.pull_back(vector(after), vector(&self.node_bars));
         let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
         let inverse = masses.inverse.channel(0)[at(1, 0)];
-        let free = pull_back_free(&bar, inverse, vector(before), fall, decay);
+        let free = pull_back_free(&bar, inverse, vector(before), fall, kept);
         for a in 0..3 {
             self.node_bars[at(3, a)] = free.velocity[a];
             self.impulse_bars[at(3, a)] = free.impulse[a];
