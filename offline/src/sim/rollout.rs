@@ -555,8 +555,7 @@ impl<'a, T: Real> Recorder<'a, T> {
 #[inline(always)]
 fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
     let n = engine.slices();
-    let x = |slice| engine.slice_mean(slice).0[0];
-    let (last, before) = (x(n - 1), x(n - 2));
+    let (last, before) = (engine.slice_x(n - 1), engine.slice_x(n - 2));
     last + (last - before).scale(0.5)
 }
 
