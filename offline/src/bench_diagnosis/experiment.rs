@@ -206,6 +206,7 @@ pub fn rope() -> RopeSpec {
         mass_kg: DENSITY_KG_M3 * FRAC_PI_4 * DIAMETER_M * DIAMETER_M * LENGTH_M,
         direction: [1.0, 0.0, 0.0],
         end_mass_kg: 0.0,
+        roll_rad: 0.0,
         assumed: Vec::new(),
     }
 }

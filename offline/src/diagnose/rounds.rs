@@ -83,6 +83,8 @@ pub struct Refit {
     pub id: String,
     /// Parameters of the effect.
     pub parameters: Vec<Estimate>,
+    /// All parameters of the model, as the fit takes them.
+    pub theta: Vec<f64>,
     /// Residual where fitted.
     pub fit: ResidualSummary,
     /// Residual where held out.
@@ -492,6 +494,7 @@ fn refit(
         effect: score.effect,
         id: spec.id.into(),
         parameters: all[first..].to_vec(),
+        theta: result.best.theta.clone(),
         fit: ResidualSummary::of(&result.best),
         held_out: ResidualSummary::of(&held_out),
         gates: Vec::new(),
