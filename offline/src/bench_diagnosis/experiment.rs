@@ -142,19 +142,7 @@ impl Motion {
 
     /// The demonstration with what was seen of `track`, displaced by noise of `noise_m`.
     pub fn demo(&self, track: &Track, noise_m: f64, seed: u64) -> Demo {
-        let arcs_m = marker_arcs_m();
-        let noise = correlated(track.len(), arcs_m.len(), noise_m, CORRELATION, seed);
-        let mut samples = Vec::with_capacity(track.len() * arcs_m.len());
-        for ((t_s, line), errors) in self.frame_times_s().into_iter().zip(track).zip(&noise) {
-            for (number, &s_m) in arcs_m.iter().enumerate() {
-                samples.push(MarkerSample {
-                    t_s,
-                    marker: number.to_string(),
-                    s_m,
-                    position_m: std::array::from_fn(|k| line[number][k] + errors[number][k]),
-                });
-            }
-        }
+        let samples = seen(&self.frame_times_s(), track, noise_m, seed);
         Demo {
             name: self.name.into(),
             spec: self.spec(noise_m),
@@ -186,6 +174,24 @@ impl Motion {
             cameras: Vec::new(),
         }
     }
+}
+
+/// What the cameras see of a track: displaced by noise of `noise_m`.
+pub fn seen(times_s: &[f64], track: &Track, noise_m: f64, seed: u64) -> Vec<MarkerSample> {
+    let arcs_m = marker_arcs_m();
+    let noise = correlated(track.len(), arcs_m.len(), noise_m, CORRELATION, seed);
+    let mut samples = Vec::with_capacity(track.len() * arcs_m.len());
+    for ((&t_s, line), errors) in times_s.iter().zip(track).zip(&noise) {
+        for (number, &s_m) in arcs_m.iter().enumerate() {
+            samples.push(MarkerSample {
+                t_s,
+                marker: number.to_string(),
+                s_m,
+                position_m: std::array::from_fn(|k| line[number][k] + errors[number][k]),
+            });
+        }
+    }
+    samples
 }
 
 /// Where each marker is in each frame, m.

@@ -138,7 +138,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
-const REFIT_EVALUATIONS: usize = 10;
+pub(super) const REFIT_EVALUATIONS: usize = 10;
 
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
 /// the last part of the same.
@@ -392,7 +392,7 @@ fn names(scores: &[&Score]) -> Vec<String> {
 
 /// Two models tie when their sums of squares per independent offset differ by less than two standard
 /// errors of such a sum.
-fn ties(best: &FitResult, other: &FitResult) -> bool {
+pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
     let effective = ResidualSummary::of(&best.best).effective_rows.max(1.0);
     let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
     let spread = 2.0 * (2.0 / effective).sqrt() * reduced(best);

@@ -16,12 +16,12 @@ use self::motions::{Candidate, Places, family};
 use self::power::{LEVEL, power};
 use self::swing_risk::{Allowed, SwingRisks};
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome, problems};
+use super::rounds::{LoopOptions, Outcome, REFIT_EVALUATIONS, problems, ties};
 use super::score::ScoreProblem;
 use super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;
-use crate::fit::{Evaluation, FitError, Problem, estimates};
+use crate::fit::{Evaluation, FitError, FitResult, Problem, estimates, fit_from};
 use crate::model::Structure;
 use crate::sim::rope::RopeShape;
 use rayon::prelude::*;
@@ -203,6 +203,53 @@ impl NextDemonstration {
             motions: Vec::new(),
         }
     }
+}
+
+/// The next demonstration alone, where a diagnosis of `demos` left models that are alike; none where it did not.
+pub fn separating(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    outcome: &Outcome,
+    options: &LoopOptions,
+) -> Option<NextDemonstration> {
+    let models = alike(outcome);
+    if models.len() < 2 {
+        return None;
+    }
+    let desk = Desk::new(demos, held_out, outcome, options).ok()?;
+    let places = Places {
+        arcs_m: &desk.look.arcs_m,
+        first_m: &desk.look.first_m,
+    };
+    Some(match family(demos[0], places) {
+        Ok(candidates) => desk.tell_apart(&models, &candidates),
+        Err(why) => NextDemonstration::nothing(why.into()),
+    })
+}
+
+/// Effects of the models that a diagnosis left alike and that still are when they are fitted anew to
+/// `demos`, the best first.
+///
+/// # Errors
+/// A model cannot be fitted to them.
+pub fn still_alike(
+    demos: &[&Demo],
+    outcome: &Outcome,
+    options: &LoopOptions,
+) -> Result<Vec<Vec<String>>, FitError> {
+    let mut problem = Problem::new(demos, options.resolution)?;
+    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    let models = alike(outcome);
+    let refits = models.par_iter().map(|model| {
+        let theta = model.theta.clone();
+        fit_from(&problem, &model.structure, theta, REFIT_EVALUATIONS)
+    });
+    let fits: Vec<FitResult> = refits.collect::<Result<_, _>>()?;
+    let mut order: Vec<usize> = (0..models.len()).collect();
+    order.sort_by(|&a, &b| fits[a].best.rms_m().total_cmp(&fits[b].best.rms_m()));
+    let best = order[0];
+    order.retain(|&m| m == best || ties(&fits[best], &fits[m]));
+    Ok(order.into_iter().map(|m| models[m].names()).collect())
 }
 
 /// The demonstration that is proposed after a diagnosis, with nothing seen yet; none where none is.
