@@ -20,6 +20,6 @@ pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
 };
 pub use noise::Noise;
-pub use rounds::{LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
+pub use rounds::{Library, LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
 pub use score::{Score, ScoreTable};
 pub use verdict::{ReasonCode, Verdict};

@@ -130,6 +130,16 @@ pub struct Outcome {
     pub noise_scale: Option<f64>,
     /// Effects that fit as well as the last one found.
     pub rivals: Vec<String>,
+    /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
+    pub library: Option<Library>,
+}
+
+/// A model with the whole library appended at its vanishing values, where a round started.
+pub struct Library {
+    /// Effects of the model, then the others.
+    pub structure: Structure,
+    /// The demonstrations that are fitted.
+    pub evaluation: Evaluation,
 }
 
 /// Last share of a demonstration that is held out when no other demonstration is.
@@ -225,12 +235,13 @@ pub fn close_loop(
     let mut fitted = bench.again(&structure, &base.best.theta)?;
     let mut held_now = ResidualSummary::of(&held_out_before);
     let mut rounds: Vec<Round> = Vec::new();
-    let mut rivals = Vec::new();
+    let (mut rivals, mut library) = (Vec::new(), None);
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
         && !only_numerical(&fitted, &rounds)
     {
-        let (round, winner) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
+        let (round, winner, slopes) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
+        library = Some(slopes);
         let done = winner.is_none();
         if let Some((next_structure, next_fit, next_held, tied)) = winner {
             rivals = tied;
@@ -262,6 +273,7 @@ pub fn close_loop(
         reasons,
         noise_scale: noise.map(|n| n.scale),
         rivals,
+        library,
     })
 }
 
@@ -296,9 +308,9 @@ fn one_round(
     held_now: &ResidualSummary,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<(Round, Option<Winner>), FitError> {
+) -> Result<(Round, Option<Winner>, Library), FitError> {
     progress("scoring every effect of the library from one pass of tangents");
-    let table = score(bench, structure, &fitted.best.theta, options)?;
+    let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
     let listed = table.scores.iter().take(LISTED);
     let listed: Vec<String> = listed
         .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
@@ -330,7 +342,7 @@ fn one_round(
         refits,
         accepted,
     };
-    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied))))
+    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied)), library))
 }
 
 /// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
@@ -404,7 +416,7 @@ fn score(
     structure: &Structure,
     theta: &[f64],
     options: &LoopOptions,
-) -> Result<ScoreTable, FitError> {
+) -> Result<(ScoreTable, Library), FitError> {
     let mut wide = structure.clone();
     let mut wide_theta = theta.to_vec();
     for (index, spec) in effects::ALL.iter().enumerate() {
@@ -429,7 +441,12 @@ fn score(
     let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
     let nuisances = options.without != Some(Part::Nuisances);
     let problem = ScoreProblem::new(&evaluation, &wide, structure, &bench.noise, nuisances);
-    Ok(problem.table(&errors, &sigmas, options.seed))
+    let table = problem.table(&errors, &sigmas, options.seed);
+    let library = Library {
+        structure: wide,
+        evaluation,
+    };
+    Ok((table, library))
 }
 
 /// Estimated discretisation error of a prediction, m.

@@ -166,6 +166,7 @@ fn restore(
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
         rivals: diagnosis.rivals,
+        library: None,
     };
     Ok((outcome, advice))
 }

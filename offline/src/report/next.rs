@@ -51,7 +51,7 @@ fn question(question: &Question) -> Markup {
             Question::Narrow { parameter, unit: of, half_width, swing_mm } => {
                 p {
                     "These data leave open the " (parameter_title(parameter)) ": its 90 % interval is ± "
-                    (significant(*half_width)) " " (unit(of)) " wide, which is worth "
+                    (significant(*half_width)) " " (unit(of)) ", which is worth ± "
                     (format!("{swing_mm:.1}")) " mm of the swing’s reach."
                 }
             },
@@ -88,7 +88,7 @@ fn figures(motion: &MotionProspect, question: &Question) -> Markup {
             },
             Question::Narrow { unit: of, .. } => {
                 td.n { (number(motion.half_width, &|w| format!("± {} {}", significant(w), unit(of)))) }
-                td.n { (number(motion.swing_mm, &|mm| format!("{mm:.1} mm"))) }
+                td.n { (number(motion.swing_mm, &|mm| format!("± {mm:.1} mm"))) }
             },
         }
         @if let Some(why) = &motion.failed { td.quiet { (why) } }
@@ -121,10 +121,11 @@ fn risks(swing: &SwingRisks) -> Markup {
             p { "Not known: " (why) "." }
         } @else {
             p {
-                "How far each effect could move the reach of a swing released at "
-                (format!("({:.2}, {:.2}) m", swing.release_m[0], swing.release_m[1]))
-                ", at the size that the data still allow, however invisible it is in the demonstration. The fitted rope "
-                "reaches " (swing.reach_m.map_or("—".to_owned(), |m| format!("{m:.3} m"))) "."
+                "How far each effect could move the reach of a swing at the size that the data still allow, however "
+                "invisible it is in the demonstration. The fitted rope, released at "
+                (listed(&swing.releases_m, |[x, z]| format!("({x:.2}, {z:.2}) m"))) ", reaches "
+                (listed(&swing.reaches_m, |m| format!("{m:.3} m"))) "; the middle one of these changes counts, the first "
+                "where it is small."
             }
             table {
                 tr {
@@ -136,28 +137,35 @@ fn risks(swing: &SwingRisks) -> Markup {
             p.quiet {
                 "Still allowed: 90 % interval, of the score test for effects that the model lacks (each alone), of the fit "
                 "for those that it holds (in bold). * The data do not bound it; the end of its physical range counts. "
-                "Differences of about 1 mm are the simulation’s own."
+                "Several effects may describe the same small rest of error, so an interval that leaves out nothing is no "
+                "finding. Differences of about 1 mm are the simulation’s own."
             }
         }
     }
 }
 
+fn listed<T: Copy>(values: &[T], text: impl Fn(T) -> String) -> String {
+    values.iter().map(|&v| text(v)).collect::<Vec<_>>().join(", ")
+}
+
 fn risk_row(risk: &SwingRisk) -> Markup {
     let allowed = &risk.allowed;
     let title = parameter_title(&allowed.name);
-    let per_unit = if allowed.unit == "1" {
+    let (scale, of) = match allowed.unit.as_str() {
+        "Pa" => (1e6, "MPa"),
+        other => (1.0, unit(other)),
+    };
+    let per_unit = if of.is_empty() {
         "mm".to_owned()
     } else {
-        format!("mm per {}", allowed.unit)
+        format!("mm per {of}")
     };
+    let [low, high] = allowed.interval.map(|end| significant(end / scale));
     html! {
         tr {
             td { @if allowed.in_model { b { (title) } } @else { (title) } }
-            td.n {
-                (significant(allowed.interval[0])) " to " (significant(allowed.interval[1])) " " (unit(&allowed.unit))
-                @if allowed.bounded_by_range { " *" }
-            }
-            td.n { (risk.slope_mm_per_unit.map_or("—".to_owned(), |s| format!("{} {per_unit}", significant(s)))) }
+            td.n { (low) " to " (high) " " (of) @if allowed.bounded_by_range { " *" } }
+            td.n { (risk.slope_mm_per_unit.map_or("—".to_owned(), |s| format!("{} {per_unit}", significant(s * scale)))) }
             td.n { (risk.at_most_mm.map_or("not simulated".to_owned(), |mm| format!("{mm:.1} mm"))) }
         }
     }

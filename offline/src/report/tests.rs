@@ -164,6 +164,7 @@ fn outcome() -> Outcome {
         reasons: Vec::new(),
         noise_scale: None,
         rivals: Vec::new(),
+        library: None,
     }
 }
 
@@ -199,8 +200,8 @@ fn advice() -> Advice {
             motions: vec![motion("faster", 0.123), motion("slower", 0.97)],
         },
         swing: SwingRisks {
-            release_m: [0.15, 0.15],
-            reach_m: Some(0.312),
+            releases_m: vec![[0.15, 0.15]],
+            reaches_m: vec![0.312],
             risks: vec![SwingRisk {
                 allowed,
                 slope_mm_per_unit: Some(4.0),

@@ -14,9 +14,9 @@ pub mod swing_risk;
 use self::expected::{Known, Look, Predicted};
 use self::motions::{Candidate, Places, family};
 use self::power::{LEVEL, power};
-use self::swing_risk::{Allowed, SwingRisks};
+use self::swing_risk::{Allowed, SMALL_MM, SwingRisks};
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome, REFIT_EVALUATIONS, problems, ties};
+use super::rounds::{Library, LoopOptions, Outcome, REFIT_EVALUATIONS, problems, ties};
 use super::score::ScoreProblem;
 use super::verdict::Verdict;
 use crate::demo::Demo;
@@ -24,8 +24,10 @@ use crate::effects;
 use crate::fit::{Evaluation, FitError, FitResult, Problem, estimates, fit_from};
 use crate::model::Structure;
 use crate::sim::rope::RopeShape;
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 
 /// What to do next, and why.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,9 +111,6 @@ const EQUAL_POWER: f64 = 0.01;
 const LEAST_NARROWING: f64 = 0.7;
 /// Ratio of two intervals within which they count as equal.
 const EQUAL_WIDTH: f64 = 1.1;
-/// Change of the reach that is no reason for another demonstration, mm: what the simulation itself is
-/// known to be off by.
-const SMALL_RISK_MM: f64 = 2.0;
 /// Standard deviation of a nuisance's prior, in smallest sizes of interest.
 const NUISANCE_SIZES: f64 = 5.0;
 
@@ -297,7 +296,10 @@ impl<'a> Desk<'a> {
                 wide = wide.with(effect);
             }
         }
-        let evaluation = self.problem.evaluate(&wide.structure, &wide.theta)?;
+        let evaluation = match &outcome.library {
+            Some(library) => transplanted(library, &outcome.fitted.best, &fitted.structure, &wide),
+            None => self.problem.evaluate(&wide.structure, &wide.theta)?,
+        };
         let mut allowed = in_model(&outcome.fitted.best, &fitted.structure);
         allowed.extend(self.not_in_model(&evaluation, &wide.structure, &fitted.structure));
         let rope = &self.problem.demos[0].spec.rope;
@@ -455,16 +457,14 @@ impl<'a> Desk<'a> {
         if let Some(why) = &swing.missing {
             return NextDemonstration::nothing(why.clone());
         }
-        let largest = swing
-            .risks
-            .iter()
-            .find(|r| r.allowed.effect.is_some() && r.at_most_mm.is_some());
-        let (Some(risk), Some(at_most_mm)) = (largest, largest.and_then(|r| r.at_most_mm)) else {
+        let open = swing.risks.iter().filter(|risk| risk.allowed.effect.is_some());
+        let open = open.filter_map(|risk| Some((risk, risk.open_mm()?)));
+        let Some((risk, open_mm)) = open.max_by(|a, b| a.1.total_cmp(&b.1)) else {
             return NextDemonstration::nothing("no swing could be simulated".into());
         };
-        if at_most_mm < SMALL_RISK_MM {
+        if open_mm < SMALL_MM {
             return NextDemonstration::nothing(format!(
-                "no effect that these data allow moves the reach of the swing by more than {at_most_mm:.1} mm"
+                "none of these effects is known so badly that it matters for the swing by more than {SMALL_MM} mm"
             ));
         }
         let allowed = &risk.allowed;
@@ -478,7 +478,7 @@ impl<'a> Desk<'a> {
         let place = held.unwrap_or(fitted.structure.effects.len());
         let before = model.structure.effects[..place].iter();
         let first = 2 + before.map(|&e| effects::ALL[e].parameters.len()).sum::<usize>();
-        let half_width = 0.5 * (allowed.interval[1] - allowed.interval[0]);
+        let half_width = allowed.half_width();
         let simulated = match self.prospects(std::slice::from_ref(&model), candidates) {
             Ok(simulated) => simulated,
             Err(error) => return NextDemonstration::nothing(error.to_string()),
@@ -491,7 +491,7 @@ impl<'a> Desk<'a> {
                     let spread = simulated.known[0].with(slopes).narrowing(first + allowed.index);
                     let ratio = spread.map(|[now, after]| after / now);
                     motion.half_width = ratio.map(|r| r * half_width);
-                    motion.swing_mm = ratio.map(|r| r * at_most_mm);
+                    motion.swing_mm = ratio.map(|r| r * open_mm);
                 }
                 Err(error) => motion.failed = Some(error.clone()),
             }
@@ -500,10 +500,10 @@ impl<'a> Desk<'a> {
             parameter: allowed.name.clone(),
             unit: allowed.unit.clone(),
             half_width,
-            swing_mm: at_most_mm,
+            swing_mm: open_mm,
         };
         let (proposed, in_words) =
-            choose_narrowing(&motions, effects::ALL[effect].title, half_width, at_most_mm);
+            choose_narrowing(&motions, effects::ALL[effect].title, half_width, open_mm);
         NextDemonstration {
             question,
             in_words,
@@ -534,6 +534,47 @@ impl MotionProspect {
             swing_mm: None,
             failed: None,
         }
+    }
+}
+
+/// The slopes of the library where the last round started, on the rows of the final fit: another pass over
+/// the library would take as long as a round. The model's own slopes are those of the final fit.
+fn transplanted(library: &Library, fitted: &Evaluation, own: &Structure, wide: &Model) -> Evaluation {
+    let columns = |structure: &Structure| -> Vec<String> {
+        structure.parameters().into_iter().map(|p| p.name).collect()
+    };
+    let (theirs, names) = (columns(&library.structure), columns(&wide.structure));
+    let known = columns(own).len();
+    let sources = names[known..]
+        .iter()
+        .map(|name| theirs.iter().position(|other| other == name));
+    let sources: Vec<Option<usize>> = sources.collect();
+    let mut jacobian = DMatrix::zeros(fitted.len(), names.len());
+    let (mut i, mut first) = (0, 0);
+    for (rows, before) in fitted.rows.iter().zip(&library.evaluation.rows) {
+        let mut places: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
+        for (j, row) in before.iter().enumerate() {
+            places.entry((row.frame, row.station)).or_default().push(j);
+        }
+        for row in rows {
+            jacobian
+                .view_mut((i, 0), (1, known))
+                .copy_from(&fitted.jacobian.row(i).columns(0, known));
+            for &j in places.get(&(row.frame, row.station)).into_iter().flatten() {
+                let alike: f64 = (0..3).map(|k| row.direction[k] * before[j].direction[k]).sum();
+                for (k, source) in sources.iter().enumerate() {
+                    let slope = source.map_or(0.0, |s| library.evaluation.jacobian[(first + j, s)]);
+                    jacobian[(i, known + k)] += alike * slope;
+                }
+            }
+            i += 1;
+        }
+        first += before.len();
+    }
+    Evaluation {
+        theta: wide.theta.clone(),
+        rows: fitted.rows.clone(),
+        jacobian,
     }
 }
 
@@ -650,20 +691,20 @@ fn choose_narrowing(
     motions: &[MotionProspect],
     effect: &str,
     half_width: f64,
-    at_most_mm: f64,
+    open_mm: f64,
 ) -> (Option<String>, String) {
     let least = motions
         .iter()
         .filter_map(|m| m.half_width)
         .fold(f64::INFINITY, f64::min);
     let open = format!(
-        "of what these data leave open, {effect} matters most for the swing, by up to {at_most_mm:.1} mm of its reach"
+        "of what these data leave open, {effect} matters most for the swing: its interval is worth ± {open_mm:.1} mm of the reach"
     );
     let near = |m: &&MotionProspect| m.half_width.is_some_and(|w| w <= EQUAL_WIDTH * least);
     match motions.iter().find(near) {
         Some(motion) if least <= LEAST_NARROWING * half_width => {
-            let after = motion.swing_mm.unwrap_or(at_most_mm);
-            let words = format!("{open}; {}: it would lower that to {after:.1} mm", motion.words);
+            let after = motion.swing_mm.unwrap_or(open_mm);
+            let words = format!("{open}; {}: it would lower that to ± {after:.1} mm", motion.words);
             (Some(motion.id.clone()), words)
         }
         Some(_) => (

@@ -164,10 +164,10 @@ impl<'a> Recording<'a> {
             if factor > 1.0 && factor < LEAST_FACTOR {
                 continue;
             }
-            let times = if factor == 0.5 {
-                "half".into()
-            } else {
-                format!("{factor:.1} times")
+            let times = match factor {
+                0.5 => "half".into(),
+                2.0 => "twice".into(),
+                other => format!("{other:.1} times"),
             };
             let words = format!(
                 "repeat the {name} at {times} the speed, at most {:.2} m/s",

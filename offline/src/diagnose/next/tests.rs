@@ -67,7 +67,7 @@ fn an_interval_is_narrowed_by_the_easiest_motion_that_does_it_nearly_as_well() {
     let (proposed, words) = choose_narrowing(&motions, "air drag", 1.0, 10.0);
     assert_eq!(proposed.as_deref(), Some("slower"));
     assert!(
-        words.contains("up to 10.0 mm") && words.contains("lower that to 2.1 mm"),
+        words.contains("± 10.0 mm") && words.contains("lower that to ± 2.1 mm"),
         "{words}"
     );
     let (proposed, words) = choose_narrowing(&motions[..1], "air drag", 0.9, 10.0);
