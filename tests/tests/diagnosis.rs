@@ -1,11 +1,14 @@
 //! The whole loop on recordings of the twin, whose cause is known, which takes minutes and so runs by hand,
 //! `cargo test --release -p tests --test diagnosis -- --ignored --nocapture`; and what it proposes next.
 
-use offline::bench_diagnosis::experiment::MOTIONS;
+use offline::bench_diagnosis::cells::Cell;
+use offline::bench_diagnosis::experiment::{MOTIONS, seen};
 use offline::bench_diagnosis::reality::{Finer, Reality};
-use offline::demo::Demo;
+use offline::bench_diagnosis::truth;
+use offline::demo::{Demo, Observations};
 use offline::diagnose::{
     LoopOptions, Outcome, Refit, Round, ScoreTable, Verdict, close_loop, problems, proposed_demo, separating,
+    still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
@@ -187,4 +190,74 @@ fn a_motion_is_proposed_for_models_that_differ_and_none_for_twins() {
             .iter()
             .all(|m| m.noncentrality.is_some_and(|l| l < 1e-6))
     );
+}
+
+/// Pairs of effects that do much the same to this rope; either may be the true one.
+const PAIRS: [[&str; 2]; 5] = [
+    ["tip_mass", "density_gradient"],
+    ["gripper_lag", "clock_offset"],
+    ["tilted_gravity", "steady_wind"],
+    ["rest_curvature", "bending_ratio"],
+    ["clamp_compliance", "strain_stiffening"],
+];
+
+/// What became of a true effect beside a rival: none where one demonstration tells them apart already.
+fn resolved(cause: &str, rival: &str, floors: f64, seed: u64) -> Option<Option<bool>> {
+    let cell = Cell {
+        world: "g2".into(),
+        causes: vec![cause.into()],
+        floors,
+        noise_mm: 1.0,
+        seed,
+        hidden: false,
+        without: None,
+    };
+    let folder = std::env::temp_dir().join("genorm-truths");
+    let truth = truth::make(&Finer, &cell.truth(), &folder).unwrap();
+    let track = truth.tracks.first()?;
+    let demo = MOTIONS[0].demo(track, 0.001, cell.noise_seed());
+    let options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
+    let (problem, _) = problems(&[&demo], &[&demo], &options).unwrap();
+    let fitted = |id: &str| {
+        let effect = effects::find(id).unwrap();
+        let structure = Structure::default().with(effect);
+        let mut theta = structure.start(truth.young_pa);
+        for (value, p) in theta[2..].iter_mut().zip(effects::ALL[effect].parameters) {
+            *value = (p.vanishes_at + p.smallest_of_interest).min(p.high);
+        }
+        fit_from(&problem, &structure, theta, 10).unwrap().best.theta
+    };
+    let (own, other) = (fitted(cause), fitted(rival));
+    let outcome = undecided(&demo, (cause, &own), (rival, &other));
+    if still_alike(&[&demo], &outcome, &options).unwrap().len() < 2 {
+        return None;
+    }
+    let next = separating(&[&demo], &[&demo], &outcome, &options).unwrap();
+    println!("  {}", next.in_words);
+    let Some(mut more) = proposed_demo(&demo, &outcome, &next) else {
+        return Some(None);
+    };
+    let played = Finer.play(truth.young_pa, &truth.parts, &more).unwrap();
+    more.observations = Observations::Markers(seen(&more.times_s(), &played, 0.001, cell.noise_seed() ^ 1));
+    let left = still_alike(&[&demo, &more], &outcome, &options).unwrap();
+    Some(Some(left == [[cause.to_owned()]]))
+}
+
+#[test]
+#[ignore = "a study that takes many minutes: how often the proposed demonstration tells apart what one cannot"]
+fn the_proposed_demonstration_tells_apart_what_one_cannot() {
+    let (mut hits, mut asked) = (0, 0);
+    for seed in 1..=2 {
+        for [a, b] in PAIRS {
+            for (cause, rival) in [(a, b), (b, a)] {
+                let found = resolved(cause, rival, 1.0, seed);
+                if let Some(Some(hit)) = found {
+                    asked += 1;
+                    hits += usize::from(hit);
+                }
+                println!("{cause} beside {rival}, seed {seed}: {found:?}; so far {hits} of {asked}");
+            }
+        }
+    }
+    assert!(5 * hits >= 4 * asked, "{hits} of {asked}");
 }

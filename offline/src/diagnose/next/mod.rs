@@ -1,33 +1,37 @@
 //! What to do next: the motion that would tell apart what these data cannot, or narrow the effect that
 //! matters most for the swing; and how much each effect matters.
 //!
-//! Data flows one way: [`motions`] lists what can be done with the same rig, `expected` simulates what would
-//! be seen of it, [`power`] says what that would tell, [`swing_risk`] what each effect could do to the swing,
-//! and this file asks the question and puts the answer into words. All of it is to first order about the
+//! Data flows one way: `models` holds what the diagnosis leaves open and `allowed` how large each effect may
+//! still be, [`swing_risk`] says what that could do to the swing, [`motions`] lists what can be done with the
+//! same rig, `expected` simulates what would be seen of it, [`power`] says what that would tell; this file asks
+//! the question, and `words` has the answer. All of it is to first order about the
 //! fitted models and holds their noise and misfit, not what both models get wrong alike.
 
+mod allowed;
 mod expected;
+mod models;
 pub mod motions;
 pub mod power;
 pub mod swing_risk;
+mod words;
 
+use self::allowed::{in_model, not_in_model, transplanted};
 use self::expected::{Known, Look, Predicted};
+pub use self::models::still_alike;
+use self::models::{Model, alike};
 use self::motions::{Candidate, Places, family};
 use self::power::{LEVEL, power};
-use self::swing_risk::{Allowed, SMALL_MM, SwingRisks};
+use self::swing_risk::{SMALL_MM, SwingRisks};
+use self::words::{choose_narrowing, choose_separating};
 use super::noise::Noise;
-use super::rounds::{Library, LoopOptions, Outcome, REFIT_EVALUATIONS, problems, ties};
-use super::score::ScoreProblem;
+use super::rounds::{LoopOptions, Outcome, problems};
 use super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;
-use crate::fit::{Evaluation, FitError, FitResult, Problem, estimates, fit_from};
-use crate::model::Structure;
+use crate::fit::{FitError, Problem};
 use crate::sim::rope::RopeShape;
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// What to do next, and why.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -101,61 +105,6 @@ pub struct MotionProspect {
     pub failed: Option<String>,
 }
 
-/// Normal quantile of a two-sided 90 % interval.
-const NINETY: f64 = 1.644_853_627;
-/// Power below which a motion does not help.
-const LEAST_POWER: f64 = 0.5;
-/// Power within which two motions count as equal; the one that takes less effort is proposed.
-const EQUAL_POWER: f64 = 0.01;
-/// Share of an interval that has to remain at most, else a motion does not help.
-const LEAST_NARROWING: f64 = 0.7;
-/// Ratio of two intervals within which they count as equal.
-const EQUAL_WIDTH: f64 = 1.1;
-/// Standard deviation of a nuisance's prior, in smallest sizes of interest.
-const NUISANCE_SIZES: f64 = 5.0;
-
-/// A model that the data allow.
-#[derive(Clone)]
-struct Model {
-    structure: Structure,
-    theta: Vec<f64>,
-}
-
-impl Model {
-    /// With one more effect, at the value at which it vanishes.
-    fn with(&self, effect: usize) -> Self {
-        let mut theta = self.theta.clone();
-        theta.extend(effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at));
-        Self {
-            structure: self.structure.with(effect),
-            theta,
-        }
-    }
-
-    fn names(&self) -> Vec<String> {
-        self.structure
-            .effects
-            .iter()
-            .map(|&e| effects::ALL[e].id.into())
-            .collect()
-    }
-
-    /// Standard deviations of the priors of θ; those of effects from index `free` on are a nuisance's.
-    fn prior_sd(&self, free: usize) -> Vec<f64> {
-        let count = |&e: &usize| effects::ALL[e].parameters.len();
-        let own = 2 + self.structure.effects[..free].iter().map(count).sum::<usize>();
-        let info = self.structure.parameters();
-        let sd = info.iter().enumerate().map(|(k, p)| {
-            if k < own {
-                p.prior_sd
-            } else {
-                NUISANCE_SIZES * p.smallest_of_interest
-            }
-        });
-        sd.collect()
-    }
-}
-
 /// What the advice works on.
 struct Desk<'a> {
     problem: Problem<'a>,
@@ -226,31 +175,6 @@ pub fn separating(
     })
 }
 
-/// Effects of the models that a diagnosis left alike and that still are when they are fitted anew to
-/// `demos`, the best first.
-///
-/// # Errors
-/// A model cannot be fitted to them.
-pub fn still_alike(
-    demos: &[&Demo],
-    outcome: &Outcome,
-    options: &LoopOptions,
-) -> Result<Vec<Vec<String>>, FitError> {
-    let mut problem = Problem::new(demos, options.resolution)?;
-    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
-    let models = alike(outcome);
-    let refits = models.par_iter().map(|model| {
-        let theta = model.theta.clone();
-        fit_from(&problem, &model.structure, theta, REFIT_EVALUATIONS)
-    });
-    let fits: Vec<FitResult> = refits.collect::<Result<_, _>>()?;
-    let mut order: Vec<usize> = (0..models.len()).collect();
-    order.sort_by(|&a, &b| fits[a].best.rms_m().total_cmp(&fits[b].best.rms_m()));
-    let best = order[0];
-    order.retain(|&m| m == best || ties(&fits[best], &fits[m]));
-    Ok(order.into_iter().map(|m| models[m].names()).collect())
-}
-
 /// The demonstration that is proposed after a diagnosis, with nothing seen yet; none where none is.
 pub fn proposed_demo(demo: &Demo, outcome: &Outcome, next: &NextDemonstration) -> Option<Demo> {
     let look = Look::of(demo, outcome.fitted.best.rows.first()?);
@@ -301,7 +225,12 @@ impl<'a> Desk<'a> {
             None => self.problem.evaluate(&wide.structure, &wide.theta)?,
         };
         let mut allowed = in_model(&outcome.fitted.best, &fitted.structure);
-        allowed.extend(self.not_in_model(&evaluation, &wide.structure, &fitted.structure));
+        allowed.extend(not_in_model(
+            &evaluation,
+            &wide.structure,
+            &fitted.structure,
+            &self.noise,
+        ));
         let rope = &self.problem.demos[0].spec.rope;
         let shape = RopeShape {
             length_m: rope.length_m,
@@ -316,32 +245,6 @@ impl<'a> Desk<'a> {
             self.options.resolution,
             allowed,
         ))
-    }
-
-    /// What the data allow of effects that the model lacks: the score test's intervals, each effect alone,
-    /// widened by what the model leaves unexplained.
-    fn not_in_model(&self, wide: &Evaluation, structure: &Structure, known: &Structure) -> Vec<Allowed> {
-        let problem = ScoreProblem::new(wide, structure, known, &self.noise, true);
-        let widened = problem.misfit().sqrt();
-        let mut list = Vec::new();
-        for (effect, estimate, error) in problem.intervals() {
-            let spec = &effects::ALL[effect];
-            for (index, p) in spec.parameters.iter().enumerate() {
-                let allowed = Allowed {
-                    name: format!("{}.{}", spec.id, p.name),
-                    unit: p.unit.into(),
-                    effect: Some(effect),
-                    index,
-                    in_model: false,
-                    value: p.vanishes_at,
-                    interval: [p.low, p.high],
-                    bounded_by_range: true,
-                };
-                let half = NINETY * widened * error[index];
-                list.push(allowed.within(p.vanishes_at + estimate[index], half, [p.low, p.high]));
-            }
-        }
-        list
     }
 
     fn next(&self, demo: &Demo, outcome: &Outcome, swing: &SwingRisks) -> NextDemonstration {
@@ -536,187 +439,3 @@ impl MotionProspect {
         }
     }
 }
-
-/// The slopes of the library where the last round started, on the rows of the final fit: another pass over
-/// the library would take as long as a round. The model's own slopes are those of the final fit.
-fn transplanted(library: &Library, fitted: &Evaluation, own: &Structure, wide: &Model) -> Evaluation {
-    let columns = |structure: &Structure| -> Vec<String> {
-        structure.parameters().into_iter().map(|p| p.name).collect()
-    };
-    let (theirs, names) = (columns(&library.structure), columns(&wide.structure));
-    let known = columns(own).len();
-    let sources = names[known..]
-        .iter()
-        .map(|name| theirs.iter().position(|other| other == name));
-    let sources: Vec<Option<usize>> = sources.collect();
-    let mut jacobian = DMatrix::zeros(fitted.len(), names.len());
-    let (mut i, mut first) = (0, 0);
-    for (rows, before) in fitted.rows.iter().zip(&library.evaluation.rows) {
-        let mut places: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
-        for (j, row) in before.iter().enumerate() {
-            places.entry((row.frame, row.station)).or_default().push(j);
-        }
-        for row in rows {
-            jacobian
-                .view_mut((i, 0), (1, known))
-                .copy_from(&fitted.jacobian.row(i).columns(0, known));
-            for &j in places.get(&(row.frame, row.station)).into_iter().flatten() {
-                let alike: f64 = (0..3).map(|k| row.direction[k] * before[j].direction[k]).sum();
-                for (k, source) in sources.iter().enumerate() {
-                    let slope = source.map_or(0.0, |s| library.evaluation.jacobian[(first + j, s)]);
-                    jacobian[(i, known + k)] += alike * slope;
-                }
-            }
-            i += 1;
-        }
-        first += before.len();
-    }
-    Evaluation {
-        theta: wide.theta.clone(),
-        rows: fitted.rows.clone(),
-        jacobian,
-    }
-}
-
-/// What the data allow of the model's own parameters.
-fn in_model(evaluation: &Evaluation, structure: &Structure) -> Vec<Allowed> {
-    let info = structure.parameters();
-    let owners = structure.effects.iter().flat_map(|&e| {
-        let count = effects::ALL[e].parameters.len();
-        (0..count).map(move |index| (Some(e), index))
-    });
-    let owners = [(None, 0), (None, 1)].into_iter().chain(owners);
-    let all = estimates(evaluation, structure)
-        .into_iter()
-        .zip(&info)
-        .zip(owners);
-    all.map(|((estimate, info), (effect, index))| {
-        let of_theta = |value: f64| {
-            if effect.is_none() && index == 0 {
-                value.exp()
-            } else {
-                value
-            }
-        };
-        let allowed = Allowed {
-            name: estimate.name,
-            unit: estimate.unit,
-            effect,
-            index,
-            in_model: true,
-            value: estimate.value,
-            interval: [0.0; 2],
-            bounded_by_range: true,
-        };
-        let range = [of_theta(info.low), of_theta(info.high)];
-        allowed.within(estimate.value, NINETY * estimate.standard_error, range)
-    })
-    .collect()
-}
-
-/// The models between which the data cannot choose: the final one and those with a rival in the place of
-/// its last effect.
-fn alike(outcome: &Outcome) -> Vec<Model> {
-    let last = Model {
-        structure: outcome.structure.clone(),
-        theta: outcome.fitted.best.theta.clone(),
-    };
-    let mut found = vec![last];
-    let round = outcome.rounds.iter().rfind(|round| round.accepted.is_some());
-    if let (Some(round), Verdict::Confounded { .. }) = (round, &outcome.verdict) {
-        let known = outcome.structure.effects[..outcome.structure.effects.len() - 1].to_vec();
-        for refit in round
-            .refits
-            .iter()
-            .filter(|refit| outcome.rivals.contains(&refit.id))
-        {
-            if let Some(effect) = effects::find(&refit.id) {
-                found.push(Model {
-                    structure: Structure {
-                        effects: known.clone(),
-                    }
-                    .with(effect),
-                    theta: refit.theta.clone(),
-                });
-            }
-        }
-    }
-    found
-}
-
-fn title(id: &String) -> &str {
-    effects::find(id).map_or(id, |effect| effects::ALL[effect].title)
-}
-
-/// The motion to propose for telling models apart, and the words for it.
-fn choose_separating(motions: &[MotionProspect], models: &[Vec<String>]) -> (Option<String>, String) {
-    let model = |names: &Vec<String>| names.iter().map(title).collect::<Vec<_>>().join(" with ");
-    // What all of them share tells nothing.
-    let shared = |id: &String| models.iter().all(|m| m.contains(id));
-    let own = models
-        .iter()
-        .map(|m| m.iter().filter(|id| !shared(id)).cloned().collect());
-    let alike = own
-        .map(|m: Vec<String>| model(&m))
-        .collect::<Vec<_>>()
-        .join(" from ");
-    let powers = motions.iter().filter_map(|m| m.power);
-    let best = powers.fold(f64::NEG_INFINITY, f64::max);
-    let Some(motion) = motions
-        .iter()
-        .find(|m| m.power.is_some_and(|p| p >= best - EQUAL_POWER))
-    else {
-        return (
-            None,
-            "none of the motions that were considered could be simulated".into(),
-        );
-    };
-    let percent = 100.0 * motion.power.unwrap_or(0.0);
-    if best < LEAST_POWER {
-        let words = format!(
-            "none of the motions that were considered would tell {alike}: the best of them ({}) would with {percent:.0} % power only",
-            motion.words
-        );
-        return (None, words);
-    }
-    let words = format!(
-        "{}: it would tell {alike} with {percent:.0} % power",
-        motion.words
-    );
-    (Some(motion.id.clone()), words)
-}
-
-/// The motion to propose for narrowing an effect, and the words for it.
-fn choose_narrowing(
-    motions: &[MotionProspect],
-    effect: &str,
-    half_width: f64,
-    open_mm: f64,
-) -> (Option<String>, String) {
-    let least = motions
-        .iter()
-        .filter_map(|m| m.half_width)
-        .fold(f64::INFINITY, f64::min);
-    let open = format!(
-        "of what these data leave open, {effect} matters most for the swing: its interval is worth ± {open_mm:.1} mm of the reach"
-    );
-    let near = |m: &&MotionProspect| m.half_width.is_some_and(|w| w <= EQUAL_WIDTH * least);
-    match motions.iter().find(near) {
-        Some(motion) if least <= LEAST_NARROWING * half_width => {
-            let after = motion.swing_mm.unwrap_or(open_mm);
-            let words = format!("{open}; {}: it would lower that to ± {after:.1} mm", motion.words);
-            (Some(motion.id.clone()), words)
-        }
-        Some(_) => (
-            None,
-            format!("{open}; none of the motions that were considered would narrow it much"),
-        ),
-        None => (
-            None,
-            format!("{open}; none of the motions that were considered could be simulated"),
-        ),
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -14,7 +14,7 @@ use shared::task::SwingTask;
 /// Release points for which the reach is asked, (x, z) in m: over the paper's task. Near some releases a
 /// rope folds, and the smallest change then moves its reach by centimetres; what counts is the middle of
 /// three, so that one such release does not decide. The first serves alone for changes that are small there.
-pub const RELEASES_M: [[f64; 2]; 3] = [[0.15, 0.05], [0.12, 0.1], [0.15, 0.15]];
+pub const RELEASES_M: [[f64; 2]; 3] = [[0.12, 0.1], [0.15, 0.1], [0.15, 0.15]];
 /// Change of the reach that is small, mm: the simulation itself is known to be off by as much.
 pub const SMALL_MM: f64 = 2.0;
 
