@@ -405,10 +405,14 @@ fn names(scores: &[&Score]) -> Vec<String> {
 /// Two models tie when their sums of squares per independent offset differ by less than two standard
 /// errors of such a sum.
 pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
-    let effective = ResidualSummary::of(&best.best).effective_rows.max(1.0);
     let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
-    let spread = 2.0 * (2.0 / effective).sqrt() * reduced(best);
-    reduced(other) - reduced(best) < spread
+    reduced(other) - reduced(best) < tie_spread(&best.best)
+}
+
+/// Difference of sums of squares per offset below which a model ties with the best.
+pub(super) fn tie_spread(best: &Evaluation) -> f64 {
+    let summary = ResidualSummary::of(best);
+    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
 }
 
 fn score(

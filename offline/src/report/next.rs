@@ -45,7 +45,7 @@ fn question(question: &Question) -> Markup {
     html! {
         @match question {
             Question::Nothing { .. } => {},
-            Question::TellApart { models, .. } => {
+            Question::TellApart { models } => {
                 p { "These data cannot tell which model is true: " (models_in_words(models)) "." }
             },
             Question::Narrow { parameter, unit: of, half_width, swing_mm } => {
@@ -100,10 +100,10 @@ fn explained(question: &Question) -> Markup {
         p.quiet {
             @match question {
                 Question::Nothing { .. } => {},
-                Question::TellApart { level, .. } => {
-                    "Power: probability that the wrong one of two models is rejected when the other is true, in a "
-                    "two-sided test at " (format!("{:.0} %", 100.0 * level)) ", for the pair that is hardest to tell "
-                    "apart, with these data and one such recording together. "
+                Question::TellApart { .. } => {
+                    "Power: probability that the diagnosis, by the rule that left them alike, rejects the wrong one of two "
+                    "models when the other is true, for the pair that is hardest to tell apart, with these data and one "
+                    "such recording together. "
                 },
                 Question::Narrow { .. } => {
                     "Interval then: half of the 90 % interval with these data and one such recording together. "

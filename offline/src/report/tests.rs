@@ -193,7 +193,6 @@ fn advice() -> Advice {
         next_demonstration: NextDemonstration {
             question: Question::TellApart {
                 models: vec![vec!["tip_mass".to_owned()], vec!["density_gradient".to_owned()]],
-                level: 0.05,
             },
             in_words: "lift it slower: it would tell <them> apart".to_owned(),
             proposed: Some("slower".to_owned()),

@@ -2,13 +2,14 @@
 //! a model predicts, and their slopes.
 
 use super::motions::Candidate;
-use super::power::Prospect;
+use super::power::{Miss, Prospect};
 use crate::demo::{Demo, Observations};
 use crate::diagnose::Noise;
 use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
 use crate::observe::{Row, normals, station_arcs_m};
 use nalgebra::{DMatrix, DVector};
+use std::collections::HashMap;
 
 /// How the rope is seen: which stations, how well, and along which directions.
 pub(super) struct Look {
@@ -55,6 +56,19 @@ impl Look {
             first_m: arcs_m.iter().map(|&s| nearest(s).unwrap_or([0.0; 3])).collect(),
             arcs_m,
         }
+    }
+
+    /// Where a model predicts each frame and station that was seen.
+    fn predicted(&self, rows: &[Row]) -> HashMap<(usize, usize), [f64; 3]> {
+        let mut places = HashMap::new();
+        for row in rows {
+            let point: &mut [f64; 3] = places.entry((row.frame, row.station)).or_insert(row.position_m);
+            // Rows of markers hold the measured place, those of surfaces the predicted one.
+            if !self.surface {
+                *point = std::array::from_fn(|k| point[k] - row.offset_m * row.direction[k]);
+            }
+        }
+        places
     }
 
     /// Unit vectors along which a station is measured where the rope runs along `along`.
@@ -117,12 +131,12 @@ impl Predicted {
         }
     }
 
-    /// What would be measured, without noise and whitened: slopes of this model, and for each of the
-    /// `truths` what it predicts minus what this model does.
+    /// What would be measured, in standard errors, correlation of the noise taken out where it is given: slopes
+    /// of this model, and for each of the `truths` what it predicts minus what this model does.
     pub(super) fn seen(
         &self,
         look: &Look,
-        noise: &Noise,
+        noise: Option<&Noise>,
         truths: &[&Self],
     ) -> (DMatrix<f64>, Vec<DVector<f64>>) {
         let (mut rows, mut slopes) = (Vec::new(), Vec::new());
@@ -167,7 +181,10 @@ impl Predicted {
             rows: vec![rows],
             jacobian: DMatrix::zeros(0, 0),
         };
-        let white = noise.whitener(&evaluation).apply(&all);
+        let white = match noise {
+            Some(noise) => noise.whitener(&evaluation).apply(&all),
+            None => all,
+        };
         let misses = (columns..columns + truths.len()).map(|k| white.column(k).into_owned());
         (white.columns(0, columns).into_owned(), misses.collect())
     }
@@ -179,12 +196,16 @@ pub(super) struct Known {
     pub information: DMatrix<f64>,
     /// Mean square of the whitened residual, at least one.
     pub misfit: f64,
+    /// The model on the demonstrations that were made.
+    pub evaluation: Evaluation,
+    /// Standard deviations of the priors.
+    pub prior_sd: Vec<f64>,
 }
 
 impl Known {
     /// From the slopes of a model on the demonstrations that were made; `prior_sd` of every parameter.
-    pub(super) fn new(evaluation: &Evaluation, noise: &Noise, prior_sd: &[f64]) -> Self {
-        let whitener = noise.whitener(evaluation);
+    pub(super) fn new(evaluation: Evaluation, noise: &Noise, prior_sd: Vec<f64>) -> Self {
+        let whitener = noise.whitener(&evaluation);
         let slopes = whitener.apply(&evaluation.whitened_jacobian());
         let residual = whitener.apply(&DMatrix::from_columns(&[evaluation.whitened()]));
         let misfit = (residual.norm_squared() / residual.len() as f64).max(1.0);
@@ -192,7 +213,32 @@ impl Known {
         for (k, sd) in prior_sd.iter().enumerate() {
             information[(k, k)] += 1.0 / (sd * sd);
         }
-        Self { information, misfit }
+        Self {
+            information,
+            misfit,
+            evaluation,
+            prior_sd,
+        }
+    }
+
+    /// This model beside one that is true on the demonstrations that were made.
+    pub(super) fn miss(&self, truth: &Self, look: &Look) -> Miss {
+        let mut miss = Vec::with_capacity(self.evaluation.len());
+        for (rows, others) in self.evaluation.rows.iter().zip(&truth.evaluation.rows) {
+            let (mine, theirs) = (look.predicted(rows), look.predicted(others));
+            miss.extend(rows.iter().map(|row| {
+                let place = (row.frame, row.station);
+                let apart: [f64; 3] = theirs.get(&place).map_or([0.0; 3], |there| {
+                    let here = mine[&place];
+                    std::array::from_fn(|k| there[k] - here[k])
+                });
+                (0..3).map(|k| row.direction[k] * apart[k]).sum::<f64>() / row.sigma_m
+            }));
+        }
+        Miss {
+            miss: DVector::from_vec(miss),
+            slopes: self.evaluation.whitened_jacobian(),
+        }
     }
 
     /// Together with what a new demonstration would show.

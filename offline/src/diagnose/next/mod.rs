@@ -3,7 +3,7 @@
 //!
 //! Data flows one way: `models` holds what the diagnosis leaves open and `allowed` how large each effect may
 //! still be, [`swing_risk`] says what that could do to the swing, [`motions`] lists what can be done with the
-//! same rig, `expected` simulates what would be seen of it, [`power`] says what that would tell; this file asks
+//! same rig, `expected` simulates what would be seen of it, [`mod@power`] says what that would tell; this file asks
 //! the question, and `words` has the answer. All of it is to first order about the
 //! fitted models and holds their noise and misfit, not what both models get wrong alike.
 
@@ -20,15 +20,15 @@ use self::expected::{Known, Look, Predicted};
 pub use self::models::still_alike;
 use self::models::{Model, alike};
 use self::motions::{Candidate, Places, family};
-use self::power::{LEVEL, power};
+use self::power::{Miss, distance, power};
 use self::swing_risk::{SMALL_MM, SwingRisks};
 use self::words::{choose_narrowing, choose_separating};
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome, problems};
+use super::rounds::{LoopOptions, Outcome, problems, tie_spread};
 use super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;
-use crate::fit::{FitError, Problem};
+use crate::fit::{Correlation, FitError, Problem};
 use crate::sim::rope::RopeShape;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -68,8 +68,6 @@ pub enum Question {
     TellApart {
         /// Effects of each model.
         models: Vec<Vec<String>>,
-        /// Level of the test.
-        level: f64,
     },
     /// How large an effect is that the data leave open and that matters for the swing.
     Narrow {
@@ -93,9 +91,10 @@ pub struct MotionProspect {
     pub words: String,
     /// How long it takes, s.
     pub duration_s: f64,
-    /// Non-centrality of the test for the pair of models that is hardest to tell apart.
+    /// Squared distance between the predictions of the pair of models that is hardest to tell apart, over the
+    /// variance of the noise and of what they leave unexplained.
     pub noncentrality: Option<f64>,
-    /// Power of that test.
+    /// Probability that the diagnosis tells them apart, by its own rule, with these data and the new ones.
     pub power: Option<f64>,
     /// Half of the 90 % interval afterwards.
     pub half_width: Option<f64>,
@@ -280,9 +279,13 @@ impl<'a> Desk<'a> {
             .collect()
     }
 
-    /// Every motion with every model, nuisances added; and what the data so far say about each model.
-    fn prospects(&self, models: &[Model], candidates: &[Candidate]) -> Result<Simulated, FitError> {
-        let nuisances = self.nuisances(models);
+    /// Every motion with every model, these nuisances added; and what the data so far say about each model.
+    fn prospects(
+        &self,
+        models: &[Model],
+        nuisances: &[usize],
+        candidates: &[Candidate],
+    ) -> Result<Simulated, FitError> {
         let wide: Vec<Model> = models
             .iter()
             .map(|model| nuisances.iter().fold(model.clone(), |m, &e| m.with(e)))
@@ -290,7 +293,7 @@ impl<'a> Desk<'a> {
         let known = wide.par_iter().zip(models).map(|(model, own)| {
             let evaluation = self.problem.evaluate(&model.structure, &model.theta)?;
             let prior_sd = model.prior_sd(own.structure.effects.len());
-            Ok(Known::new(&evaluation, &self.noise, &prior_sd))
+            Ok(Known::new(evaluation, &self.noise, prior_sd))
         });
         let known: Vec<Known> = known.collect::<Result<_, FitError>>()?;
         let predicted = candidates.par_iter().map(|candidate| {
@@ -310,7 +313,7 @@ impl<'a> Desk<'a> {
 
     /// The motion that tells models apart best.
     fn tell_apart(&self, models: &[Model], candidates: &[Candidate]) -> NextDemonstration {
-        let simulated = match self.prospects(models, candidates) {
+        let simulated = match self.prospects(models, &[], candidates) {
             Ok(simulated) => simulated,
             Err(error) => return NextDemonstration::nothing(error.to_string()),
         };
@@ -319,17 +322,14 @@ impl<'a> Desk<'a> {
             match predicted {
                 Ok(models) => {
                     let hardest = self.hardest(&simulated.known, models);
-                    (motion.noncentrality, motion.power) = (Some(hardest), Some(power(hardest)));
+                    (motion.noncentrality, motion.power) = (Some(hardest.0), Some(hardest.1));
                 }
                 Err(error) => motion.failed = Some(error.clone()),
             }
         }
         let names: Vec<Vec<String>> = models.iter().map(Model::names).collect();
         let (proposed, in_words) = choose_separating(&motions, &names);
-        let question = Question::TellApart {
-            models: names,
-            level: LEVEL,
-        };
+        let question = Question::TellApart { models: names };
         NextDemonstration {
             question,
             in_words,
@@ -338,18 +338,27 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// Non-centrality of the hardest question: one model is true, another is tested.
-    fn hardest(&self, known: &[Known], models: &[Predicted]) -> f64 {
-        let mut least = f64::INFINITY;
+    /// The hardest question, one model being true and another tested: its non-centrality and its power.
+    fn hardest(&self, known: &[Known], models: &[Predicted]) -> (f64, f64) {
+        let mut least = (f64::INFINITY, f64::INFINITY);
         for (tested, one) in models.iter().enumerate() {
-            let others: Vec<&Predicted> = (0..models.len())
-                .filter(|&m| m != tested)
-                .map(|m| &models[m])
-                .collect();
-            let (slopes, misses) = one.seen(&self.look, &self.noise, &others);
-            let prospect = known[tested].with(slopes);
-            for miss in &misses {
-                least = least.min(prospect.noncentrality(miss));
+            for (truth, other) in models.iter().enumerate().filter(|(truth, _)| *truth != tested) {
+                let past = known[tested].miss(&known[truth], &self.look);
+                let (slopes, mut misses) = one.seen(&self.look, None, &[other]);
+                let next = Miss {
+                    miss: misses.remove(0),
+                    slopes,
+                };
+                let apart = distance(&[&past, &next], &known[tested].prior_sd);
+                let evaluation = &known[truth].evaluation;
+                let variance = Correlation::of(evaluation).variance_factor();
+                // The rule's spread per offset falls with the root of their number.
+                let (old, all) = (past.miss.len() as f64, (past.miss.len() + next.miss.len()) as f64);
+                let needed = tie_spread(evaluation) * (old * all).sqrt();
+                let found = (apart / variance, power(apart, needed, variance));
+                if found.1 < least.1 {
+                    least = found;
+                }
             }
         }
         least
@@ -382,7 +391,8 @@ impl<'a> Desk<'a> {
         let before = model.structure.effects[..place].iter();
         let first = 2 + before.map(|&e| effects::ALL[e].parameters.len()).sum::<usize>();
         let half_width = allowed.half_width();
-        let simulated = match self.prospects(std::slice::from_ref(&model), candidates) {
+        let nuisances = self.nuisances(std::slice::from_ref(&model));
+        let simulated = match self.prospects(std::slice::from_ref(&model), &nuisances, candidates) {
             Ok(simulated) => simulated,
             Err(error) => return NextDemonstration::nothing(error.to_string()),
         };
@@ -390,7 +400,7 @@ impl<'a> Desk<'a> {
         for (motion, predicted) in motions.iter_mut().zip(&simulated.predicted) {
             match predicted {
                 Ok(models) => {
-                    let (slopes, _) = models[0].seen(&self.look, &self.noise, &[]);
+                    let (slopes, _) = models[0].seen(&self.look, Some(&self.noise), &[]);
                     let spread = simulated.known[0].with(slopes).narrowing(first + allowed.index);
                     let ratio = spread.map(|[now, after]| after / now);
                     motion.half_width = ratio.map(|r| r * half_width);
