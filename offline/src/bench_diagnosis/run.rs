@@ -251,7 +251,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
 }
 
 fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
-    let all = estimates(&outcome.fitted.best, &outcome.structure);
+    let all = outcome.estimates();
     let mut rest = all[2..].iter();
     let mut list = Vec::new();
     for &effect in &outcome.structure.effects {

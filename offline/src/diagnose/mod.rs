@@ -9,6 +9,7 @@
 mod conclude;
 mod gates;
 mod noise;
+mod numerical;
 mod rounds;
 mod score;
 mod verdict;

@@ -160,6 +160,7 @@ fn outcome() -> Outcome {
         reasons: Vec::new(),
         noise_scale: None,
         rivals: Vec::new(),
+        grid_shift: vec![0.0; 3],
     }
 }
 
