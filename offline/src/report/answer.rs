@@ -14,7 +14,7 @@ use std::f64::consts::FRAC_PI_4;
 pub(super) fn section(input: &ReportInput) -> Markup {
     let outcome = input.outcome;
     let base = estimates(&outcome.base.best, &Structure::default());
-    let found = estimates(&outcome.fitted.best, &outcome.structure);
+    let found = outcome.estimates();
     let before = ResidualSummary::of(&outcome.held_out_before);
     let after = ResidualSummary::of(&outcome.held_out_after);
     let density = input.demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
