@@ -6,7 +6,7 @@ use anyhow::Context;
 use offline::collect::Watch;
 use offline::demo::Demo;
 use offline::diagnose::Advice;
-use offline::fit::{Problem, estimates};
+use offline::fit::Problem;
 use offline::inspect::inspect;
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
