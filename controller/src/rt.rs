@@ -13,7 +13,7 @@ pub fn prepare_thread() -> u32 {
         refused |= degraded::NO_MEMLOCK;
     }
     // The last processor permitted: the first ones serve most interrupts.
-    if !processors().last().is_some_and(|&last| bind_to(last)) {
+    if !processors().last().is_some_and(|&last| bind_to(&[last])) {
         refused |= degraded::NO_AFFINITY;
     }
     if !flush_denormals() {
@@ -103,20 +103,26 @@ pub fn processors() -> Vec<usize> {
     }
 }
 
-/// Binds the calling thread to one processor.
-pub fn bind_to(cpu: usize) -> bool {
-    // SAFETY: the set is plain bits that the kernel reads; the index comes from `processors`.
+/// Binds the calling thread to these processors.
+pub fn bind_to(cpus: &[usize]) -> bool {
+    // SAFETY: the set is plain bits that the kernel reads; the indices come from `processors`.
     unsafe {
         let mut set: libc::cpu_set_t = std::mem::zeroed();
-        libc::CPU_SET(cpu, &mut set);
+        for &cpu in cpus {
+            libc::CPU_SET(cpu, &mut set);
+        }
         libc::sched_setaffinity(0, std::mem::size_of::<libc::cpu_set_t>(), &set) == 0
     }
 }
 
 /// Lets the calling thread, the bridge, go before ordinary programs, so that a busy machine delays neither
 /// goals nor emergency stops. What it starts later is ordinary. Where it is refused the loop is too, and
-/// says so.
+/// says so. It also leaves the loop's processor to the loop, where there is another: on a busy machine the
+/// scheduler would put it just there, since the loop sleeps most of the time, and the loop would wake late.
 pub fn prefer_bridge() -> bool {
+    if let Some((_, others)) = processors().split_last().filter(|(_, others)| !others.is_empty()) {
+        bind_to(others);
+    }
     real_time_priority(BRIDGE_PRIORITY)
 }
 

@@ -92,7 +92,7 @@ fn come_and_go(shared: &Shared) {
 
 /// Ordinary work on one processor.
 fn keep_busy(shared: &Shared, cpu: usize) {
-    assert!(rt::bind_to(cpu));
+    assert!(rt::bind_to(&[cpu]));
     let mut value = 1.0f64;
     while shared.goes_on() {
         for _ in 0..1000 {

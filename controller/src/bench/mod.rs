@@ -131,7 +131,7 @@ fn saturated<T>(others: &[usize], part: impl FnOnce() -> T) -> T {
         for &cpu in others {
             let done = &done;
             scope.spawn(move || {
-                rt::bind_to(cpu);
+                rt::bind_to(&[cpu]);
                 let mut value = 1.0f64;
                 while !done.load(Ordering::Relaxed) {
                     for _ in 0..1000 {
@@ -152,7 +152,10 @@ fn measure(settings: &Settings, missing: &mut Option<String>) -> Result<Noted> {
     let slice = settings.duration / slices;
     let mut noted: Option<Noted> = None;
     for _ in 0..slices {
-        let (timing, missed) = live::run(settings.blob, settings.rate, slice)?;
+        // In a thread of its own: the bridge keeps the priority and the processors that it asks for.
+        let live = || live::run(settings.blob, settings.rate, slice);
+        let live = std::thread::scope(|scope| scope.spawn(live).join());
+        let (timing, missed) = live.expect("the bridge does not panic")?;
         let other = cyclictest::run(settings.rate.cycle_ns(), slice);
         let cyclictest = other.map_err(|reason| *missing = Some(reason)).ok();
         match &mut noted {

@@ -268,7 +268,7 @@ impl<L: Lanes> Blocks<L> {
             let asked_of = if channel == 0 {
                 asked
             } else {
-                self.mean_height(block, channel) * pull
+                self.mean(block, channel, |body| body.position_m[2]) * pull
             };
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {
@@ -289,25 +289,26 @@ impl<L: Lanes> Blocks<L> {
         self.mark(block, near);
     }
 
-    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice is near it, zero in the
-    /// others; none if all are far.
+    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice touches it, zero in the
+    /// others; none if none does.
     #[inline(always)]
     pub fn near_table(&self, block: usize) -> Option<(L, L)> {
-        let gap = self.mean_height(block, 0) - L::of(self.lowest_m?);
-        let far = gap.exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
+        let gap = self.mean(block, 0, |body| body.position_m[2]) - L::of(self.lowest_m?);
+        let rise = self.mean(block, 0, |body| body.velocity_m_s[2]).scale(self.dt_s);
+        let far = (gap + rise).exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
         (!L::everywhere(far)).then(|| (gap, L::select(far, L::zero(), L::of(STIFFNESS))))
     }
 
-    /// One channel of the mean height of each slice of a block, m.
+    /// One channel of the mean of something over each slice of a block.
     #[inline(always)]
-    fn mean_height(&self, block: usize, channel: usize) -> L {
+    fn mean(&self, block: usize, channel: usize, of: impl Fn(&Body<L>) -> L) -> L {
         let members = self.transfer.members.len();
         let first = self.first(block, channel);
-        let mut height = L::zero();
+        let mut sum = L::zero();
         for body in &self.bodies[first..first + members] {
-            height += body.position_m[2];
+            sum += of(body);
         }
-        height.scale(1.0 / members as f64)
+        sum.scale(1.0 / members as f64)
     }
 
     /// A grip's springs on its share of a block.

@@ -509,7 +509,7 @@ impl<'a, T: Real> Recorder<'a, T> {
                 .push(engine.grip_forces_n(&self.motions, setup.context.clamp_per_kg()));
         }
         if now_s >= self.scene.score_from_s {
-            let tip = tip_x(engine);
+            let tip = tip_x(engine, setup.layout.end_weights());
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
                 self.reach_state = state;
@@ -531,13 +531,12 @@ impl<'a, T: Real> Recorder<'a, T> {
     }
 }
 
-/// x of the end point of the axis, half a slice beyond the last slice.
+/// x of the end point of the axis, from the last slice and the one before.
 #[inline(always)]
-fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
+fn tip_x<T: Real>(engine: &impl Engine<T>, weights: [f64; 2]) -> T {
     let n = engine.slices();
     let x = |slice| engine.slice_mean(slice).0[0];
-    let (last, before) = (x(n - 1), x(n - 2));
-    last + (last - before).scale(0.5)
+    x(n - 1).scale(weights[0]) + x(n - 2).scale(weights[1])
 }
 
 /// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a

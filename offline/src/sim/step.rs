@@ -273,9 +273,10 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
     }
 }
 
-/// Slices nearer to the table than this share of a cell take part in contact; the constraint itself
-/// is exact, this only skips slices that cannot touch within the step.
-pub const CONTACT_NEAR_CELLS: f64 = 0.1;
+/// A slice touches the table if within the step, as fast as it is now, it comes nearer than this share of a
+/// cell. Others are left out: springs of slices that share nodes meet in the middle, so one that asks to
+/// come down to the table would press its neighbour into it.
+pub const CONTACT_NEAR_CELLS: f64 = 1e-3;
 
 /// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
 /// the rope's radius, and may not move down by more than its gap within the step. This is the contact
@@ -304,7 +305,7 @@ pub(super) fn scatter_contact<T: Real>(
     }
 }
 
-/// Upward velocity that brings a slice onto the table within the step; none where it is not near.
+/// Upward velocity that brings a slice onto the table within the step; none where it does not touch.
 pub(super) fn asked_of_slice<T: Real>(
     members: &[Particle<T>],
     table_m: f64,
@@ -312,12 +313,15 @@ pub(super) fn asked_of_slice<T: Real>(
     spacing_m: f64,
 ) -> Option<T> {
     let lowest = T::of(table_m + 0.5 * context.diameter_m);
-    let mut height = T::zero();
+    let [mut height, mut rise] = [T::zero(); 2];
     for p in members {
         height += p.position_m[2];
+        rise += p.velocity_m_s[2].scale(context.dt_s);
     }
-    let gap = height.scale(1.0 / members.len() as f64) - lowest;
-    (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
+    let share = 1.0 / members.len() as f64;
+    let gap = height.scale(share) - lowest;
+    let after = gap + rise.scale(share);
+    (after.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
 }
 
 /// Turns impulses into a change of the velocities: settling, weight, table, clamps.
