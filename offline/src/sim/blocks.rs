@@ -9,7 +9,7 @@ use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::real::Real;
-use super::step::CONTACT_NEAR_CELLS;
+use super::step::RECOVERY_S;
 use super::tensor::{Mat3, Vec3, matadd, zero3};
 use super::transfer::Transfer;
 
@@ -260,7 +260,7 @@ impl<L: Lanes> Blocks<L> {
         let Some((gap, near)) = self.near_table(block) else {
             return;
         };
-        let pull = L::of(-1.0 / self.dt_s);
+        let pull = self.pull_per_gap(gap);
         let (width, first) = (self.transfer.width, self.first(block, 0));
         for channel in 0..self.channels {
             let own = self.first(block, channel);
@@ -289,14 +289,22 @@ impl<L: Lanes> Blocks<L> {
         self.mark(block, near);
     }
 
-    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice touches it, zero in the
-    /// others; none if none does.
+    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice would be below it after
+    /// the step, zero in the others; none if all stay above.
     #[inline(always)]
     pub fn near_table(&self, block: usize) -> Option<(L, L)> {
         let gap = self.mean(block, 0, |body| body.position_m[2]) - L::of(self.lowest_m?);
-        let rise = self.mean(block, 0, |body| body.velocity_m_s[2]).scale(self.dt_s);
-        let far = (gap + rise).exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
+        let rise = self.mean(block, 0, |body| body.velocity_m_s[2]);
+        let far = rise.times_plus(L::of(self.dt_s), gap).exceeds(L::zero());
         (!L::everywhere(far)).then(|| (gap, L::select(far, L::zero(), L::of(STIFFNESS))))
+    }
+
+    /// What the table asks of a slice's velocity per gap, 1/s.
+    #[inline(always)]
+    pub fn pull_per_gap(&self, gap: L) -> L {
+        let below = L::zero().exceeds(gap);
+        let recovery_s = RECOVERY_S.max(self.dt_s);
+        L::select(below, L::of(-1.0 / recovery_s), L::of(-1.0 / self.dt_s))
     }
 
     /// One channel of the mean of something over each slice of a block.

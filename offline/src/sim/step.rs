@@ -273,14 +273,16 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
     }
 }
 
-/// A slice touches the table if within the step, as fast as it is now, it comes nearer than this share of a
-/// cell. Others are left out: springs of slices that share nodes meet in the middle, so one that asks to
-/// come down to the table would press its neighbour into it.
-pub const CONTACT_NEAR_CELLS: f64 = 1e-3;
+/// Time in which a slice that has come below the table is brought back, s. A slice sinks in by up to a tenth of
+/// a millimetre, because it is pushed through nodes that it shares with others; were it brought back within
+/// one step, the shorter the step the harder would the table throw the rope up: a free end flew 8 mm high at
+/// a quarter of the step, and nothing converged.
+pub const RECOVERY_S: f64 = 2e-3;
 
-/// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
-/// the rope's radius, and may not move down by more than its gap within the step. This is the contact
-/// of a row of spheres; a lying rope touches as it should, and its end counts as round.
+/// Adds the table's springs for every slice that would be below it after the step: a slice's centre may not
+/// come nearer than the rope's radius. Slices that move away take no part, else they would hold down their
+/// neighbours, with which they share nodes. This is the contact of a row of spheres; a lying rope touches as
+/// it should, and its end counts as round.
 pub(super) fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
     table_m: f64,
@@ -288,7 +290,7 @@ pub(super) fn scatter_contact<T: Real>(
     grid: &mut Grid<T>,
 ) {
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let Some(asked) = asked_of_slice(members, table_m, context, grid.spacing_m) else {
+        let Some(asked) = asked_of_slice(members, table_m, context) else {
             continue;
         };
         grid.constrained = true;
@@ -305,23 +307,26 @@ pub(super) fn scatter_contact<T: Real>(
     }
 }
 
-/// Upward velocity that brings a slice onto the table within the step; none where it does not touch.
+/// Velocity that the table asks of a slice that would otherwise be below it after the step: from above, the
+/// one that ends on the table, so that landing is continuous; from below, back up in [`RECOVERY_S`].
 pub(super) fn asked_of_slice<T: Real>(
     members: &[Particle<T>],
     table_m: f64,
     context: &StepContext<T>,
-    spacing_m: f64,
 ) -> Option<T> {
     let lowest = T::of(table_m + 0.5 * context.diameter_m);
-    let [mut height, mut rise] = [T::zero(); 2];
-    for p in members {
-        height += p.position_m[2];
-        rise += p.velocity_m_s[2].scale(context.dt_s);
-    }
-    let share = 1.0 / members.len() as f64;
-    let gap = height.scale(share) - lowest;
-    let after = gap + rise.scale(share);
-    (after.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
+    let mean = |of: fn(&Particle<T>) -> T| -> T {
+        let sum = members.iter().fold(T::zero(), |sum, p| sum + of(p));
+        sum.scale(1.0 / members.len() as f64)
+    };
+    let gap = mean(|p| p.position_m[2]) - lowest;
+    let after = gap + mean(|p| p.velocity_m_s[2]).scale(context.dt_s);
+    let within_s = if gap.value() < 0.0 {
+        RECOVERY_S.max(context.dt_s)
+    } else {
+        context.dt_s
+    };
+    (after.value() <= 0.0).then(|| -gap.scale(1.0 / within_s))
 }
 
 /// Turns impulses into a change of the velocities: settling, weight, table, clamps.

@@ -502,13 +502,14 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     /// From the table's springs to the heights of the slices.
     #[inline(always)]
     fn contact(&mut self) {
-        let (members, context) = (self.members(), &self.setup.context);
+        let members = self.members();
         let width = self.engine.blocks.transfer.width;
         for block in 0..self.engine.blocks.transfer.blocks() {
             let Some((gap, near)) = self.engine.blocks.near_table(block) else {
                 continue;
             };
-            let asked = gap.scale(-1.0 / context.dt_s);
+            let pull = self.engine.blocks.pull_per_gap(gap);
+            let asked = gap * pull;
             let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CONTACT_ROWS, &self.contact_bars, &mut self.scratch);
             let mut bar_asked = F::Plain::<I>::zero();
@@ -523,10 +524,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                     self.add_to_masses(block, member, by_mass * near);
                 }
             }
-            // The slice asks for −(mean height − lowest)/dt.
-            let bar_height = bar_asked.scale(1.0 / (context.dt_s * members as f64));
+            // The slice asks for its pull times (mean height − lowest).
+            let bar_height = (bar_asked * pull).scale(1.0 / members as f64);
             for bar in &mut self.bars[block * members..(block + 1) * members] {
-                bar.position[2] -= bar_height;
+                bar.position[2] += bar_height;
             }
         }
     }
