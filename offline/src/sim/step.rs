@@ -1,6 +1,7 @@
 //! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
-use super::clamp::{RigidMotion, STIFFNESS};
+use super::clamp::RigidMotion;
+use super::contact::{push, rub};
 use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
@@ -273,60 +274,33 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
     }
 }
 
-/// Time in which a slice that has come below the table is brought back, s. A slice sinks in by up to a tenth of
-/// a millimetre, because it is pushed through nodes that it shares with others; were it brought back within
-/// one step, the shorter the step the harder would the table throw the rope up: a free end flew 8 mm high at
-/// a quarter of the step, and nothing converged.
-pub const RECOVERY_S: f64 = 2e-3;
-
-/// Adds the table's springs for every slice that would be below it after the step: a slice's centre may not
-/// come nearer than the rope's radius. Slices that move away take no part, else they would hold down their
-/// neighbours, with which they share nodes. This is the contact of a row of spheres; a lying rope touches as
-/// it should, and its end counts as round.
-pub(super) fn scatter_contact<T: Real>(
+/// Adds the table's push on every slice that touches it.
+fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
     table_m: f64,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
+    let lowest = T::of(table_m + 0.5 * context.diameter_m);
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let Some(asked) = asked_of_slice(members, table_m, context) else {
-            continue;
+        let mean = |of: fn(&Particle<T>) -> T| -> T {
+            let sum = members.iter().fold(T::zero(), |sum, p| sum + of(p));
+            sum.scale(1.0 / members.len() as f64)
         };
+        let gap = mean(|p| p.position_m[2]) - lowest;
+        let push = push(gap, mean(|p| p.velocity_m_s[2]), context.dt_s).velocity_m_s;
+        if push.value() <= 0.0 {
+            continue;
+        }
         grid.constrained = true;
         for (member, p) in members.iter().enumerate() {
             let link = &grid.links[slice * context.section + member];
-            let stiffness = p.mass_kg.scale(STIFFNESS);
+            let impulse = p.mass_kg * push;
             for entry in 0..STENCIL {
-                let weight = stiffness.times(link.weights[entry]);
-                let node = &mut grid.contact[link.slots[entry] as usize];
-                node[0] += weight;
-                node[1] += weight * asked;
+                grid.contact[link.slots[entry] as usize] += impulse.times(link.weights[entry]);
             }
         }
     }
-}
-
-/// Velocity that the table asks of a slice that would otherwise be below it after the step: from above, the
-/// one that ends on the table, so that landing is continuous; from below, back up in [`RECOVERY_S`].
-pub(super) fn asked_of_slice<T: Real>(
-    members: &[Particle<T>],
-    table_m: f64,
-    context: &StepContext<T>,
-) -> Option<T> {
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
-    let mean = |of: fn(&Particle<T>) -> T| -> T {
-        let sum = members.iter().fold(T::zero(), |sum, p| sum + of(p));
-        sum.scale(1.0 / members.len() as f64)
-    };
-    let gap = mean(|p| p.position_m[2]) - lowest;
-    let after = gap + mean(|p| p.velocity_m_s[2]).scale(context.dt_s);
-    let within_s = if gap.value() < 0.0 {
-        RECOVERY_S.max(context.dt_s)
-    } else {
-        context.dt_s
-    };
-    (after.value() <= 0.0).then(|| -gap.scale(1.0 / within_s))
 }
 
 /// Turns impulses into a change of the velocities: settling, weight, table, clamps.
@@ -339,36 +313,12 @@ pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay
         let kept = scaled(T::unpack(grid.velocities_m_s[index]), kept);
         let mut velocity = add(add(kept, change), fall);
         if grid.constrained {
-            let mass = grid.mass_kg[index];
-            velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
-            velocity = clamp_node(velocity, mass, &grid.clamps[index]);
+            let push = grid.contact[index] * grid.inverse_mass[index];
+            velocity = rub(velocity, push, context.physics.friction);
+            velocity = clamp_node(velocity, grid.mass_kg[index], &grid.clamps[index]);
         }
         grid.velocities_m_s[index] = T::pack(velocity);
     }
-}
-
-/// Unilateral contact with Coulomb friction. The table's implicit springs ask for an upward velocity
-/// (m v + K v_asked)/(m + K); they only push. Friction takes from the tangential velocity at most μ
-/// times what the push added. In stick the tangential velocity is zero, and so is its derivative
-/// with respect to μ.
-#[inline(always)]
-pub fn table_contact<T: Arithmetic>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
-    let ([stiffness, asked], [vx, vy, vz]) = (*contact, velocity);
-    let (zero, one) = (T::zero(), T::one());
-    let held = (vz * mass + asked) / (mass + stiffness);
-    let near = stiffness.exceeds(zero);
-    let push = T::select(near, held - vz, zero);
-    let square = vx * vx + vy * vy;
-    let moves = square.exceeds(T::of(f64::from(f32::MIN_POSITIVE)));
-    let speed = T::select(moves, square, one).sqrt();
-    let kept = T::select(moves, one - friction * push / speed, zero);
-    let kept = T::select(kept.exceeds(zero), kept, zero);
-    let touches = push.exceeds(zero);
-    [
-        T::select(touches, vx * kept, vx),
-        T::select(touches, vy * kept, vy),
-        T::select(touches, held, vz),
-    ]
 }
 
 /// Implicit springs: (m v + K v_clamp) / (m + K).
