@@ -4,7 +4,7 @@
 //! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
 //! kind of register ([`Stepped`]), not once per number type.
 
-use super::contact::{Push, push};
+use super::contact::{Footing, Push, push};
 use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
@@ -96,6 +96,8 @@ pub struct Blocks<L: Lanes> {
     pub spacing_m: f64,
     /// Height of a slice that lies on the table, m.
     pub lowest_m: Option<f64>,
+    /// What stands under the slices of each block.
+    pub footings: Vec<Footing<L>>,
     /// Space for the nodes of each slice of a block.
     pub nodes: Vec<L>,
     /// Space for the members of a block.
@@ -259,11 +261,9 @@ impl<L: Lanes> Blocks<L> {
         let Some(push) = self.push_of_table(block) else {
             return;
         };
-        let first = self.first(block, 0);
         for channel in 0..self.channels {
-            let own = self.first(block, channel);
-            let change = if channel == 0 {
-                push.velocity_m_s
+            let impulse = if channel == 0 {
+                push.impulse
             } else {
                 let gap = self.mean(block, channel, |body| body.position_m[2]);
                 let rise = self.mean(block, channel, |body| body.velocity_m_s[2]);
@@ -271,27 +271,22 @@ impl<L: Lanes> Blocks<L> {
             };
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {
-                let mut impulse = self.bodies[first + member].mass_kg * change;
-                if channel > 0 {
-                    let mass = self.bodies[own + member].mass_kg;
-                    impulse = mass.times_plus(push.velocity_m_s, impulse);
-                }
                 self.transfer.scatter_value(member, impulse, &mut self.nodes);
             }
             let contact = self.contact.channel_mut(channel);
             self.transfer
                 .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
         }
-        self.mark(block, push.velocity_m_s);
+        self.mark(block, push.impulse);
     }
 
-    /// What the table adds to the velocities of a block's slices; none if it touches none of them.
+    /// What the table gives the particles of a block's slices; none if it touches none of them.
     #[inline(always)]
     pub fn push_of_table(&self, block: usize) -> Option<Push<L>> {
         let gap = self.mean(block, 0, |body| body.position_m[2]) - L::of(self.lowest_m?);
         let rise = self.mean(block, 0, |body| body.velocity_m_s[2]);
         let far = rise.times_plus(L::of(self.dt_s), gap).exceeds(L::zero());
-        (!L::everywhere(far)).then(|| push(gap, rise, self.dt_s))
+        (!L::everywhere(far)).then(|| push(gap, rise, &self.footings[block], self.dt_s))
     }
 
     /// One channel of the mean of something over each slice of a block.

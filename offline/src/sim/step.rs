@@ -1,7 +1,7 @@
 //! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
 use super::clamp::RigidMotion;
-use super::contact::{push, rub};
+use super::contact::{Contact, Footing, push, rub};
 use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
@@ -56,8 +56,8 @@ pub struct StepContext<'a, T> {
     pub forgotten: f64,
     /// Stiffness of a clamp's spring as a multiple of its particle's mass over the square of the time step.
     pub clamp_stiffness: f64,
-    /// Height of the table, m.
-    pub table_m: Option<f64>,
+    /// The table.
+    pub table: Option<Contact>,
     /// Particles per slice.
     pub section: usize,
 }
@@ -79,7 +79,7 @@ impl<'a, T: Real> StepContext<'a, T> {
             forgotten: -libm::expm1(-dt_s / FORGET_S),
             diameter_m: scene.rope.diameter_m,
             clamp_stiffness: scene.clamp_stiffness(),
-            table_m: scene.table.map(|table| table.height_m),
+            table: Contact::of(scene, section),
             section,
         }
     }
@@ -129,8 +129,8 @@ pub fn particles_to_grid<T: Real>(
             scatter_clamp(index, stiffness, velocity, grid);
         }
     }
-    if let Some(table_m) = context.table_m {
-        scatter_contact(particles, table_m, context, grid);
+    if let Some(table) = &context.table {
+        scatter_contact(particles, table, context, grid);
     }
     Ok(())
 }
@@ -277,25 +277,28 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
 /// Adds the table's push on every slice that touches it.
 fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
-    table_m: f64,
+    table: &Contact,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
     for (slice, members) in particles.chunks(context.section).enumerate() {
         let mean = |of: fn(&Particle<T>) -> T| -> T {
             let sum = members.iter().fold(T::zero(), |sum, p| sum + of(p));
             sum.scale(1.0 / members.len() as f64)
         };
-        let gap = mean(|p| p.position_m[2]) - lowest;
-        let push = push(gap, mean(|p| p.velocity_m_s[2]), context.dt_s).velocity_m_s;
-        if push.value() <= 0.0 {
+        let gap = mean(|p| p.position_m[2]) - T::of(table.lowest_m);
+        let Footing { mass_kg, ratio } = table.footing(members[0].length_m, members[0].volume_m3);
+        let footing = Footing {
+            mass_kg: T::of(mass_kg),
+            ratio: T::of(ratio),
+        };
+        let impulse = push(gap, mean(|p| p.velocity_m_s[2]), &footing, context.dt_s).impulse;
+        if impulse.value() <= 0.0 {
             continue;
         }
         grid.constrained = true;
-        for (member, p) in members.iter().enumerate() {
+        for member in 0..members.len() {
             let link = &grid.links[slice * context.section + member];
-            let impulse = p.mass_kg * push;
             for entry in 0..STENCIL {
                 grid.contact[link.slots[entry] as usize] += impulse.times(link.weights[entry]);
             }

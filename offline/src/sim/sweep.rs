@@ -8,6 +8,7 @@
 
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
+use super::contact::Footing;
 use super::elastic::{Lame, fused_dot};
 use super::engine::Engine;
 use super::error::Cause;
@@ -111,6 +112,20 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 T::base(4.0 * context.dt_s * volume_m3 / dx)
             }));
         }
+        let footings = (0..transfer.blocks()).map(|block| {
+            let of_lane = |lane| {
+                let (p, table) = (of_lane(block, 0, lane)?, context.table?);
+                Some(table.footing(p.length_m, p.volume_m3))
+            };
+            let of = |value: fn(Footing<f64>) -> f64| {
+                T::Plain::<I>::from_lanes(|lane| T::base(of_lane(lane).map_or(0.0, value)))
+            };
+            Footing {
+                mass_kg: of(|footing| footing.mass_kg),
+                ratio: of(|footing| footing.ratio),
+            }
+        });
+        let footings = footings.collect();
         let moduli = |lame: &Lame<T>, k: usize| Lame {
             mu: T::Plain::<I>::splat(lame.mu.channel(k)),
             lambda: T::Plain::<I>::splat(lame.lambda.channel(k)),
@@ -146,9 +161,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 constrained: vec![false; transfer.planes],
                 dt_s: context.dt_s,
                 spacing_m: dx,
-                lowest_m: context
-                    .table_m
-                    .map(|height_m| height_m + 0.5 * context.diameter_m),
+                lowest_m: context.table.map(|table| table.lowest_m),
+                footings,
                 nodes: vec![zero; 6 * transfer.width],
                 differentials: Vec::with_capacity(members),
                 transfer,

@@ -511,12 +511,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             let mut bar_push = F::Plain::<I>::zero();
             for member in 0..members {
                 let transfer = &self.engine.blocks.transfer;
-                let bar_impulse = transfer.gather_value(member, &self.scratch[..width]);
-                let mass = self.engine.blocks.bodies[block * members + member].mass_kg;
-                bar_push = bar_impulse.times_plus(mass, bar_push);
-                if self.weighed {
-                    self.add_to_masses(block, member, bar_impulse * push.velocity_m_s);
-                }
+                bar_push += transfer.gather_value(member, &self.scratch[..width]);
             }
             // Height and velocity of a slice are means over its members.
             let bar_mean = bar_push.scale(1.0 / members as f64);
