@@ -159,7 +159,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
-pub(super) const REFIT_EVALUATIONS: usize = 16;
+pub(super) const REFIT_EVALUATIONS: usize = 24;
 
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
 /// the last part of the same.

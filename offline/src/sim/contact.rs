@@ -19,12 +19,15 @@ use super::real::Arithmetic;
 use super::scene::Scene;
 use super::tensor::Vec3;
 
-/// Angular frequency of a usual slice alone on the table, 1/s: at rest it sinks in by g/ω² = 1 µm, and on landing
-/// at 1 m/s by less than 0.2 mm.
-const RATE_PER_S: f64 = 3000.0;
-/// Damping of a slice deep in the table as a multiple of critical: having landed it leaves at a tenth of its speed.
+/// Angular frequency of a usual slice alone on the table, 1/s: at rest it sinks in by g/ω² = 0.07 µm, on landing
+/// at 1 m/s by less than 0.05 mm. The last slices of a rope that is lifted carry half its weight and sink by some
+/// tenths of a millimetre; at 3,000 they sank by 0.7 mm.
+const RATE_PER_S: f64 = 12000.0;
+/// Damping of a slice deep in the table as a multiple of critical: landed at 1 m/s it leaves at less than 0.3 m/s
+/// for the shortest steps, at less than 0.1 m/s for usual ones.
 const DAMPING_RATIO: f64 = 5.0;
-/// Depth at which half of that damping acts, m: what a slice of 1 m/s crosses in two steps of a usual rope.
+/// Depth at which half of that damping acts, m: what a slice of 1 m/s crosses in two steps of a usual rope. At
+/// 5e-5 rounding in single precision grew ten times as much in a rope that is dropped.
 const DAMPED_AT_M: f64 = 2e-4;
 
 /// Where the table is, and what stands under a usual slice.
@@ -130,11 +133,11 @@ mod tests {
     };
 
     /// Drops a slice at a speed under gravity and returns the deepest place, m, the fastest rise, m/s, and where
-    /// it lies after 0.1 s, m.
+    /// it lies after half a second, m.
     fn land(speed_m_s: f64, dt_s: f64) -> [f64; 3] {
         let (mut gap, mut rise) = (1e-4, -speed_m_s);
         let (mut deepest, mut fastest) = (0.0f64, 0.0f64);
-        for _ in 0..(0.1 / dt_s) as usize {
+        for _ in 0..(0.5 / dt_s) as usize {
             rise += push(gap, rise, &USUAL, dt_s).impulse - 9.81 * dt_s;
             gap += rise * dt_s;
             deepest = deepest.min(gap);
@@ -144,11 +147,11 @@ mod tests {
     }
 
     #[test]
-    fn a_slice_lands_without_leaping_and_comes_to_rest() {
+    fn a_slice_lands_without_leaping_high_and_comes_to_rest() {
         for dt_s in [1e-6, 1e-5, 1e-4, 4e-4] {
             let [deepest, fastest, rest] = land(1.0, dt_s);
-            assert!(deepest > -2e-4, "dt {dt_s}: sank by {deepest} m");
-            assert!(fastest < 0.11, "dt {dt_s}: leapt at {fastest} m/s");
+            assert!(deepest > -5e-5, "dt {dt_s}: sank by {deepest} m");
+            assert!(fastest < 0.3, "dt {dt_s}: leapt at {fastest} m/s");
             assert!(rest.abs() < 1e-5, "dt {dt_s}: rests at {rest} m");
         }
     }
