@@ -22,6 +22,7 @@ pub mod reproduce;
 pub mod residual;
 pub mod run_files;
 pub mod sim;
+pub mod statistics;
 pub mod swing;
 #[cfg(feature = "train")]
 pub mod train;

@@ -59,9 +59,26 @@ fn a_tiny_table_has_all_rows_and_repeats() {
 }
 
 #[test]
+fn only_the_estimators_that_were_asked_for_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let only = [&TINY[..], &["--only", "gradient-last-paper"]].concat();
+    let made = offline(&only, folder.path());
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let tables: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();
+    let rows = tables[0]["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2, "{tables}");
+    assert_eq!(rows[0]["printed"][0], "13.74 ± 6.75");
+}
+
+#[test]
 fn wrong_use_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for wrong in [&["sim2sim", "--truths", "0"][..], &["sim2sim", "--data", "real"]] {
+    for wrong in [
+        &["sim2sim", "--truths", "0"][..],
+        &["sim2sim", "--data", "real"],
+        &["sim2sim", "--only", "theirs"],
+        &["coverage", "--noise-mm", "0"],
+    ] {
         assert_eq!(offline(wrong, folder.path()).status.code(), Some(2), "{wrong:?}");
     }
     let missing = offline(&["real2sim", "--demo", "no-such-folder"], folder.path());

@@ -17,7 +17,6 @@ pub mod follow_up;
 pub mod noise;
 pub mod reality;
 pub mod run;
-mod statistics;
 pub mod table;
 pub mod tally;
 pub mod truth;

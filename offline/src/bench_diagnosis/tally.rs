@@ -2,8 +2,8 @@
 
 use super::cells::Kind;
 use super::run::{Answer, Said, Value};
-use super::statistics::{Rate, median};
 use crate::diagnose::Part;
+use crate::statistics::{Rate, median};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

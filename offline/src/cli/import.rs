@@ -1,5 +1,6 @@
 //! `offline demo import …` and `offline demo export …`.
 
+use super::above_zero;
 use clap::{Args, Subcommand};
 use offline::demo::{Demo, DemoSpec, export_mcap, import, recording, warnings};
 use shared::arm::DEFAULT_TASK_FRAME;
@@ -118,15 +119,8 @@ pub struct Thinned {
     #[command(flatten)]
     folders: Folders,
     /// Observed frames per second to keep; clamp paths are kept whole.
-    #[arg(long, default_value_t = 25.0, value_parser = rate)]
+    #[arg(long, default_value_t = 25.0, value_parser = above_zero)]
     rate_hz: f64,
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(rate) if rate > 0.0 && rate.is_finite() => Ok(rate),
-        _ => Err("give a rate above 0 in Hz".into()),
-    }
 }
 
 /// Imports, writes the folders and says what is in them.

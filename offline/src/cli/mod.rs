@@ -13,6 +13,14 @@ use offline::pipeline::{Preset, Stage};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// A number above zero.
+fn above_zero(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err("give a number above 0".into()),
+    }
+}
+
 /// From one measured demonstration of a rope to a frozen policy.
 #[derive(Parser)]
 #[command(name = "offline", version, about)]

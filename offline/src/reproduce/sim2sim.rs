@@ -4,7 +4,7 @@
 use super::adam::Parameters;
 use super::chamfer::chamfer;
 use super::data::{STARTS, Source, draw, last_state, record, seen_by_cameras};
-use super::method::{Case, Effort, Estimated, METHODS, Method};
+use super::method::{Case, Effort, Estimated, Method};
 use super::ours::demo_of;
 use super::scene::{DENSITY_KG_M3, Discretisation, STEPS, demonstration};
 use super::table::{Row, Spread, Table, printed};
@@ -101,12 +101,13 @@ pub trait Baseline: Sync {
 const TRUTH_SEED: u64 = 0x7275_7468;
 const CAMERA_SEED: u64 = 0x6361_6d65;
 
-/// Runs everything and returns the table. `say` hears what was finished.
+/// Runs `methods` and returns the table. `say` hears what was finished.
 ///
 /// # Errors
 /// A simulation stopped, or a file could not be written.
 pub fn run(
     settings: &Settings,
+    methods: &[Method],
     out: &Path,
     baselines: &[&dyn Baseline],
     say: &(dyn Fn(&str) + Sync),
@@ -116,10 +117,12 @@ pub fn run(
         .into_par_iter()
         .map(|index| cases(settings, index))
         .collect::<anyhow::Result<_>>()?;
-    let jobs: Vec<(Method, usize, usize)> = METHODS
+    let cameras_too = methods.iter().filter(|&&method| method == Method::Ours);
+    let jobs: Vec<(Method, usize, usize)> = methods
         .iter()
-        .flat_map(|&method| (0..cases.len()).map(move |index| (method, index, 0)))
-        .chain((0..cases.len()).map(|index| (Method::Ours, index, 1)))
+        .map(|&method| (method, 0))
+        .chain(cameras_too.map(|&method| (method, 1)))
+        .flat_map(|(method, view)| (0..cases.len()).map(move |index| (method, index, view)))
         .collect();
     let mut judged: Vec<Judged> = jobs
         .par_iter()

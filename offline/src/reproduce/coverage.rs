@@ -1,0 +1,235 @@
+//! Whether the intervals of our fit hold: simulated demonstrations of random ropes before noisy cameras, each
+//! fitted, and how often the truth lies within 95 %. The paper reports no intervals. Each finished
+//! demonstration is a file, so that a run that was stopped goes on.
+
+use super::adam::Parameters;
+use super::data::{Source, WHOLE_RANGE, draw, record, seen_by_cameras};
+use super::ours::{Fitted, demo_of, fit_clouds};
+use super::scene::{Discretisation, demonstration};
+use super::table::Spread;
+use crate::observe::Section;
+use crate::run_files::{RunFolder, write_whole};
+use crate::statistics::Rate;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Settings of the study.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Number of demonstrations.
+    pub demonstrations: u64,
+    /// How the data differ from the simulation that is fitted.
+    pub source: Source,
+    /// How the fitter cuts rope and time.
+    pub fitter: Discretisation,
+    /// Standard deviation of the two cameras' points, m.
+    pub camera_noise_m: f64,
+    /// Starts of each fit.
+    pub starts: u64,
+    /// Seed of ropes, starts and noise.
+    pub seed: u64,
+}
+
+/// One demonstration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Judged {
+    settings: Settings,
+    truth: Parameters,
+    fit: Fitted,
+}
+
+/// What the study found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Coverage {
+    /// Settings.
+    pub settings: Settings,
+    /// Relative error of E, %.
+    pub young_percent: Spread,
+    /// Size of that error, %.
+    pub young_size_percent: Spread,
+    /// Error of ν.
+    pub poisson: Spread,
+    /// Error over standard error, E and ν.
+    pub standardised: [Spread; 2],
+    /// How often the 95 % interval holds the truth, E and ν.
+    pub covered: [Rate; 2],
+    /// How often ν is called identified.
+    pub poisson_identified: Rate,
+    /// How often it is so, and further from the truth than three standard errors.
+    pub poisson_confidently_wrong: Rate,
+}
+
+/// 97.5 % point of the normal distribution.
+const NORMAL_975: f64 = 1.959_963_985;
+/// Standard errors from which on an identified parameter counts as wrong.
+const WRONG: f64 = 3.0;
+/// Streams of starts and noise differ from that of the ropes.
+const START_SEED: u64 = 0x7374_6172;
+const CAMERA_SEED: u64 = 0x636f_7665;
+
+/// Makes and fits all demonstrations. `say` hears what was finished.
+///
+/// # Errors
+/// A simulation stopped, or a file could not be written.
+pub fn run(settings: &Settings, out: &Path, say: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Coverage> {
+    let folder = RunFolder::open(out)?;
+    let judged: Vec<Judged> = (0..settings.demonstrations)
+        .into_par_iter()
+        .map(|index| {
+            let path = folder
+                .path()
+                .join("estimates")
+                .join(format!("coverage-{index}.json"));
+            let judged = finish(settings, &path, index)?;
+            let [e, nu] = standardised(&judged);
+            say(&format!(
+                "demonstration {index}: E off by {e:+.2}, ν by {nu:+.2} standard errors"
+            ));
+            Ok(judged)
+        })
+        .collect::<anyhow::Result<_>>()?;
+    Ok(summary(settings, &judged))
+}
+
+fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged> {
+    // An estimate does not depend on how many there are.
+    let settings = Settings {
+        demonstrations: 0,
+        ..*settings
+    };
+    let kept = std::fs::read(path)
+        .ok()
+        .and_then(|bytes| serde_json::from_slice::<Judged>(&bytes).ok())
+        .filter(|kept| kept.settings == settings);
+    if let Some(kept) = kept {
+        return Ok(kept);
+    }
+    let truth = draw(WHOLE_RANGE, settings.seed, index);
+    let (scene, rollout) = record(truth, settings.source, &settings.fitter)?;
+    let noise_seed = (settings.seed ^ CAMERA_SEED).wrapping_add(index);
+    let seen = seen_by_cameras(&scene, &rollout, settings.camera_noise_m, noise_seed);
+    let fitted = demonstration(&settings.fitter)?;
+    let demo = demo_of(&fitted, seen, settings.camera_noise_m);
+    let start_seed = (settings.seed ^ START_SEED).wrapping_add(index);
+    let fit = fit_clouds(&demo, &fitted, Section::Surface, start_seed, settings.starts)?;
+    let judged = Judged { settings, truth, fit };
+    write_whole(path, &serde_json::to_vec_pretty(&judged)?)?;
+    Ok(judged)
+}
+
+fn error(judged: &Judged, k: usize) -> f64 {
+    judged.fit.parameters[k] - judged.truth[k]
+}
+
+fn standardised(judged: &Judged) -> [f64; 2] {
+    [0, 1].map(|k| error(judged, k) / judged.fit.standard_errors[k])
+}
+
+fn summary(settings: &Settings, judged: &[Judged]) -> Coverage {
+    let spread = |value: &dyn Fn(&Judged) -> f64| Spread::of(&judged.iter().map(value).collect::<Vec<f64>>());
+    let percent = |j: &Judged| 100.0 * error(j, 0) / j.truth[0];
+    let wrong = |j: &Judged| j.fit.identified[1] && standardised(j)[1].abs() > WRONG;
+    Coverage {
+        settings: *settings,
+        young_percent: spread(&percent),
+        young_size_percent: spread(&|j| percent(j).abs()),
+        poisson: spread(&|j| error(j, 1)),
+        standardised: [0, 1].map(|k| spread(&|j: &Judged| standardised(j)[k])),
+        covered: [0, 1].map(|k| Rate::of(judged.iter().map(|j| standardised(j)[k].abs() <= NORMAL_975))),
+        poisson_identified: Rate::of(judged.iter().map(|j| j.fit.identified[1])),
+        poisson_confidently_wrong: Rate::of(judged.iter().map(wrong)),
+    }
+}
+
+impl Coverage {
+    /// As Markdown.
+    pub fn markdown(&self) -> String {
+        let mut text = format!(
+            "Intervals of {} fits of simulated demonstrations, two cameras with {:.1} mm noise, seed {}; data made by: {}\n\n",
+            self.covered[0].of,
+            1e3 * self.settings.camera_noise_m,
+            self.settings.seed,
+            self.settings.source.words()
+        );
+        let rate = |rate: &Rate| {
+            let [low, high] = rate.wilson().unwrap_or([0.0, 1.0]).map(|end| 100.0 * end);
+            format!("{} of {} ({low:.0} to {high:.0} %)", rate.hits, rate.of)
+        };
+        let spread = |s: &Spread, digits: usize| format!("{:+.digits$} ± {:.digits$}", s.mean, s.deviation);
+        let lines = [
+            (
+                "95 % interval of E holds the truth (target 90 to 98 %)",
+                rate(&self.covered[0]),
+            ),
+            ("95 % interval of ν holds the truth", rate(&self.covered[1])),
+            ("error of E, %", spread(&self.young_percent, 3)),
+            (
+                "size of the error of E, % (target 2)",
+                spread(&self.young_size_percent, 3),
+            ),
+            (
+                "error of E over its standard error",
+                spread(&self.standardised[0], 2),
+            ),
+            ("error of ν", spread(&self.poisson, 4)),
+            (
+                "error of ν over its standard error",
+                spread(&self.standardised[1], 2),
+            ),
+            ("ν called identified", rate(&self.poisson_identified)),
+            (
+                "and wrong by over 3 standard errors (target 0)",
+                rate(&self.poisson_confidently_wrong),
+            ),
+        ];
+        let _ = writeln!(text, "| | |\n|---|---|");
+        for (name, value) in lines {
+            let _ = writeln!(text, "| {name} | {value} |");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::StopReason;
+
+    #[test]
+    fn an_identified_ratio_that_is_wrong_is_counted_and_one_that_is_not_identified_is_not() {
+        let settings = Settings {
+            demonstrations: 2,
+            source: Source::Sampled,
+            fitter: Discretisation::default(),
+            camera_noise_m: 0.002,
+            starts: 1,
+            seed: 1,
+        };
+        let judged = |poisson: f64, identified: bool| Judged {
+            settings,
+            truth: [1000.0, 0.222],
+            fit: Fitted {
+                parameters: [1010.0, poisson],
+                standard_errors: [10.0, 0.006],
+                identified: [true, identified],
+                evaluations: 5,
+                stop: StopReason::Converged,
+            },
+        };
+        let found = summary(
+            &settings,
+            &[judged(0.443, true), judged(0.443, false), judged(0.222, true)],
+        );
+        assert_eq!(found.poisson_confidently_wrong, Rate { hits: 1, of: 3 });
+        assert_eq!(found.poisson_identified, Rate { hits: 2, of: 3 });
+        assert_eq!(found.covered, [Rate { hits: 3, of: 3 }, Rate { hits: 1, of: 3 }]);
+        assert!((found.young_percent.mean - 1.0).abs() < 1e-12);
+        assert!(
+            found.markdown().contains("1 of 3 (6 to 79 %)"),
+            "{}",
+            found.markdown()
+        );
+    }
+}
