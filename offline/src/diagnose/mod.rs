@@ -10,7 +10,6 @@ mod conclude;
 mod gates;
 mod next;
 mod noise;
-mod numerical;
 mod rounds;
 mod score;
 mod verdict;

@@ -3,14 +3,13 @@
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
 use super::gates::{Gate, refinement_gate, statistical_gates};
 use super::noise::Noise;
-use super::numerical::{along_rows, grid_errors, grid_shift};
 use super::score::{Score, ScoreProblem, ScoreTable};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, estimates,
-    estimates_within, fit, fit_from,
+    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, along_rows,
+    estimates, estimates_within, fit, fit_from, grid_errors, grid_shift,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -55,12 +54,12 @@ pub enum Part {
 }
 
 impl LoopOptions {
-    /// Defaults on a grid; the finer one has 1.4 times the cells.
+    /// Defaults on a grid; the finer one has [`FINER`] times the cells.
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {
             resolution,
             finer: Resolution {
-                cells: 1.4 * resolution.cells,
+                cells: FINER * resolution.cells,
             },
             fit: FitOptions::default(),
             refits: 2,

@@ -1,11 +1,13 @@
 //! Fitting θ to demonstrations: Levenberg-Marquardt on the offsets of [`crate::observe`] with the
-//! simulator's own tangents, from several starts, with standard errors.
+//! simulator's own tangents, from several starts, with standard errors that hold the noise's part and the grid's.
 
+mod numerical;
 mod problem;
 mod sensitivity;
 mod solver;
 mod uncertainty;
 
+pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, FrameShare, Problem, Resolution};
 pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from, fit_starts};
 pub use uncertainty::{Correlation, covariance, estimates, estimates_within, shift_by};

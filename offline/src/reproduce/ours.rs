@@ -7,7 +7,9 @@ use super::scene::{FRICTION, theta};
 use crate::demo::{
     CloudFrame, Demo, DemoSpec, FORMAT, Observations, RopeSpec, SceneKind, StartState, TableSpec,
 };
-use crate::fit::{FitError, FitOptions, FitResult, FrameShare, Problem, estimates, fit_starts};
+use crate::fit::{
+    FINER, FitError, FitOptions, FitResult, FrameShare, Problem, estimates_within, fit_starts, grid_shift,
+};
 use crate::model::Structure;
 use crate::observe::Section;
 use crate::paper_units::young_paper;
@@ -22,7 +24,7 @@ pub const STARTS: u64 = 5;
 pub struct Fitted {
     /// Estimate.
     pub parameters: Parameters,
-    /// Standard errors.
+    /// Standard errors: what the noise and what the simulation's own error may have moved.
     pub standard_errors: Parameters,
     /// Whether the data say anything about each.
     pub identified: [bool; 2],
@@ -84,13 +86,15 @@ pub fn fit_clouds(
 ) -> Result<Fitted, FitError> {
     let mut scene = scene.clone();
     scene.keep_particles = false;
-    let problem = Problem {
+    let mut fine = scene.clone();
+    fine.lay_grid(FINER * scene.rope.diameter_m / scene.grid.spacing_m);
+    let [problem, finer] = [scene, fine].map(|scene| Problem {
         demos: vec![demo],
         scenes: vec![scene],
         noise_scale: 1.0,
         frames: FrameShare::ALL,
         section,
-    };
+    });
     let density = demo_density(demo);
     let structure = Structure::default();
     let starts = (0..starts)
@@ -102,7 +106,8 @@ pub fn fit_clouds(
         ..FitOptions::default()
     };
     let result = fit_starts(&problem, &structure, starts, &options)?;
-    Ok(fitted(&result, &structure, density))
+    let shift = grid_shift([&problem, &finer], &structure, &result.best)?;
+    Ok(fitted(&result, &structure, &shift, density))
 }
 
 /// Starts that are followed to the end.
@@ -114,8 +119,8 @@ fn demo_density(demo: &Demo) -> f64 {
     rope.mass_kg / (std::f64::consts::FRAC_PI_4 * rope.diameter_m.powi(2) * rope.length_m)
 }
 
-fn fitted(result: &FitResult, structure: &Structure, density: f64) -> Fitted {
-    let list = estimates(&result.best, structure);
+fn fitted(result: &FitResult, structure: &Structure, shift: &[f64], density: f64) -> Fitted {
+    let list = estimates_within(&result.best, structure, shift);
     Fitted {
         parameters: [young_paper(list[0].value, density), list[1].value],
         standard_errors: [
@@ -125,5 +130,33 @@ fn fitted(result: &FitResult, structure: &Structure, density: f64) -> Fitted {
         identified: [list[0].identified, list[1].identified],
         evaluations: result.evaluations,
         stop: result.stop,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::data::{STARTS, Source, record, seen_by_cameras};
+    use super::super::scene::{Discretisation, demonstration};
+    use super::*;
+
+    /// A rope of the table before two cameras of 2 mm noise, its data made with other particles and half the time
+    /// step: E within the 2 % that the issue asks for and within two standard errors, and Poisson's ratio not called
+    /// identified where it is wrong. (Once 0.443 ± 0.006 was found for 0.222.)
+    #[test]
+    fn a_fit_before_noisy_cameras_is_right_and_does_not_pretend_to_know_poissons_ratio() {
+        const SEED_OF_TRUTHS: u64 = 1 ^ 0x7275_7468;
+        const NOISE_M: f64 = 0.002;
+        let fitter = Discretisation::default();
+        let truth = draw(STARTS, SEED_OF_TRUTHS, 0);
+        let (made, rollout) = record(truth, Source::Sampled, &fitter).unwrap();
+        let scene = demonstration(&fitter).unwrap();
+        let seen = seen_by_cameras(&made, &rollout, NOISE_M, 99);
+        let demo = demo_of(&scene, seen, NOISE_M);
+        let fit = fit_clouds(&demo, &scene, Section::Surface, 7, 2).unwrap();
+        println!("truth {truth:?}, {fit:?}");
+        let off = [0, 1].map(|k| (fit.parameters[k] - truth[k]).abs());
+        assert!(fit.identified[0] && off[0] < 0.02 * truth[0]);
+        assert!(off[0] < 2.0 * fit.standard_errors[0]);
+        assert!(!fit.identified[1] || off[1] < 3.0 * fit.standard_errors[1]);
     }
 }

@@ -1,19 +1,26 @@
 //! The simulation's own error: how far predictions move on a finer grid, and how far that may have moved the
 //! parameters.
 
-use crate::fit::{Evaluation, FitError, Problem, shift_by};
+use super::problem::{Evaluation, FitError, Problem};
+use super::uncertainty::shift_by;
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate};
 
+/// Cells across the rope of a finer grid that tells the simulation's own error, over those of the fit's.
+pub const FINER: f64 = 1.4;
+
 /// Estimated discretisation error of a prediction, m.
-pub(super) struct GridError {
+pub struct GridError {
     arcs_m: Vec<f64>,
     frames: Vec<Vec<[f64; 3]>>,
 }
 
 /// Prediction on the finer grid minus prediction on the fit's, scaled up to the error that a method
 /// of first order has left: a grid refined r times shows only 1 − 1/r of it.
-pub(super) fn grid_errors(
+///
+/// # Errors
+/// A simulation stopped.
+pub fn grid_errors(
     [fit, finer]: [&Problem; 2],
     structure: &Structure,
     theta: &[f64],
@@ -49,7 +56,7 @@ pub(super) fn grid_errors(
 }
 
 /// The errors along the direction of each row of an evaluation, m.
-pub(super) fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
+pub fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
     let mut along = Vec::with_capacity(evaluation.len());
     for (rows, error) in evaluation.rows.iter().zip(errors) {
         along.extend(rows.iter().map(|row| {
@@ -63,7 +70,10 @@ pub(super) fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f
 
 /// How far the grid's error may have moved each entry of θ: to first order, and as large as it would be if the
 /// error fell with the first power of the spacing.
-pub(super) fn grid_shift(
+///
+/// # Errors
+/// A simulation stopped.
+pub fn grid_shift(
     problems: [&Problem; 2],
     structure: &Structure,
     evaluation: &Evaluation,
