@@ -252,7 +252,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Two unit normals of a tangent: the second horizontal and as near to +y as can be, so that for
 /// motion in the task plane the first offset lies in the plane and the second out of it.
-fn normals(along: [f64; 3]) -> [[f64; 3]; 2] {
+pub fn normals(along: [f64; 3]) -> [[f64; 3]; 2] {
     let reference = if along[1].abs() < 0.9 {
         [0.0, 1.0, 0.0]
     } else {

@@ -37,6 +37,7 @@ fn cloud_demo() -> Demo {
                 mass_kg: 0.0385,
                 direction: [1.0, 0.0, 0.0],
                 end_mass_kg: 0.0,
+                roll_rad: 0.0,
                 assumed: Vec::new(),
             },
             start: StartState::Straight,

@@ -30,6 +30,7 @@ pub fn material() -> Material {
             mass_kg: (mass_kg * 1e6).round() / 1e6,
             direction: [1.0, 0.0, 0.0],
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: Vec::new(),
         },
         young_pa: YOUNG_PA,

@@ -59,6 +59,7 @@ impl Rope {
                 mass_kg: self.mass_per_length_kg_m * length_m,
                 direction: [start_angle.cos(), 0.0, start_angle.sin()],
                 end_mass_kg: self.end_mass_kg,
+                roll_rad: 0.0,
                 assumed: Vec::new(),
             },
             table: None,

@@ -21,6 +21,7 @@ fn coarse(young_pa: f64) -> Material {
             mass_kg: MASS,
             direction: [1.0, 0.0, 0.0],
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: Vec::new(),
         },
         young_pa,

@@ -23,6 +23,7 @@ fn material(young_pa: f64, direction: [f64; 3]) -> Material {
             mass_kg: 0.0385,
             direction,
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: Vec::new(),
         },
         young_pa,

@@ -142,19 +142,7 @@ impl Motion {
 
     /// The demonstration with what was seen of `track`, displaced by noise of `noise_m`.
     pub fn demo(&self, track: &Track, noise_m: f64, seed: u64) -> Demo {
-        let arcs_m = marker_arcs_m();
-        let noise = correlated(track.len(), arcs_m.len(), noise_m, CORRELATION, seed);
-        let mut samples = Vec::with_capacity(track.len() * arcs_m.len());
-        for ((t_s, line), errors) in self.frame_times_s().into_iter().zip(track).zip(&noise) {
-            for (number, &s_m) in arcs_m.iter().enumerate() {
-                samples.push(MarkerSample {
-                    t_s,
-                    marker: number.to_string(),
-                    s_m,
-                    position_m: std::array::from_fn(|k| line[number][k] + errors[number][k]),
-                });
-            }
-        }
+        let samples = seen(&self.frame_times_s(), track, noise_m, seed);
         Demo {
             name: self.name.into(),
             spec: self.spec(noise_m),
@@ -188,6 +176,24 @@ impl Motion {
     }
 }
 
+/// What the cameras see of a track: displaced by noise of `noise_m`.
+pub fn seen(times_s: &[f64], track: &Track, noise_m: f64, seed: u64) -> Vec<MarkerSample> {
+    let arcs_m = marker_arcs_m();
+    let noise = correlated(track.len(), arcs_m.len(), noise_m, CORRELATION, seed);
+    let mut samples = Vec::with_capacity(track.len() * arcs_m.len());
+    for ((&t_s, line), errors) in times_s.iter().zip(track).zip(&noise) {
+        for (number, &s_m) in arcs_m.iter().enumerate() {
+            samples.push(MarkerSample {
+                t_s,
+                marker: number.to_string(),
+                s_m,
+                position_m: std::array::from_fn(|k| line[number][k] + errors[number][k]),
+            });
+        }
+    }
+    samples
+}
+
 /// Where each marker is in each frame, m.
 pub type Track = Vec<Vec<[f64; 3]>>;
 
@@ -206,6 +212,7 @@ pub fn rope() -> RopeSpec {
         mass_kg: DENSITY_KG_M3 * FRAC_PI_4 * DIAMETER_M * DIAMETER_M * LENGTH_M,
         direction: [1.0, 0.0, 0.0],
         end_mass_kg: 0.0,
+        roll_rad: 0.0,
         assumed: Vec::new(),
     }
 }

@@ -3,8 +3,8 @@
 //!
 //! Data flows one way: [`experiment`] says what is done with the rope, a [`reality`] plays it, [`truth`]
 //! finds how large a cause must be to be seen that well and keeps what really happened, [`noise`] spoils
-//! it, [`cells`] lists what is diagnosed, [`run`] does so and keeps every answer, [`mod@tally`] counts and
-//! [`mod@table`] prints.
+//! it, [`cells`] lists what is diagnosed, [`run`] does so and keeps every answer, [`mod@follow_up`] makes the
+//! demonstration that an answer proposes, [`mod@tally`] counts and [`mod@table`] prints.
 //!
 //! No reality is the fitter's own simulation. G2 is the simulator with other particles on a grid finer by
 //! a half with half the time step ([`reality::Finer`]); G3 is the independent rod of the crate `tests`,
@@ -13,6 +13,7 @@
 
 pub mod cells;
 pub mod experiment;
+pub mod follow_up;
 pub mod noise;
 pub mod reality;
 pub mod run;

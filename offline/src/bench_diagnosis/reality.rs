@@ -1,6 +1,7 @@
 //! What plays the measured world: something that moves a rope with a known cause in it.
 
 use super::experiment::{Motion, Track, marker_arcs_m};
+use crate::demo::Demo;
 use crate::effects;
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate};
@@ -132,6 +133,20 @@ impl Reality for Finer {
     }
 
     fn tracks(&self, young_pa: f64, parts: &[Part], motions: &[Motion]) -> Result<Vec<Track>, String> {
+        let play = |motion: &Motion| {
+            let nothing_seen = vec![vec![[0.0; 3]; marker_arcs_m().len()]; motion.frame_times_s().len()];
+            self.play(young_pa, parts, &motion.demo(&nothing_seen, 0.0, 0))
+        };
+        motions.iter().map(play).collect()
+    }
+}
+
+impl Finer {
+    /// Where the markers are during a demonstration in which nothing has to be seen yet.
+    ///
+    /// # Errors
+    /// The rope cannot be moved so; says why.
+    pub fn play(&self, young_pa: f64, parts: &[Part], demo: &Demo) -> Result<Track, String> {
         let mut structure = Structure::default();
         let mut theta = vec![young_pa.ln(), POISSON];
         for part in parts {
@@ -140,27 +155,18 @@ impl Reality for Finer {
             theta.extend(&part.values);
         }
         let theta: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
-        motions
-            .iter()
-            .map(|motion| {
-                let nothing_seen = vec![vec![[0.0; 3]; marker_arcs_m().len()]; motion.frame_times_s().len()];
-                let demo = motion.demo(&nothing_seen, 0.0, 0);
-                let mut scene = Scene::of_demo(&demo, FINER * MIN_CELLS_PER_DIAMETER)
-                    .map_err(|error| error.to_string())?;
-                scene.sampling = Sampling {
-                    slice_cells: 0.43,
-                    section_cells: 0.3,
-                };
-                scene.step_share = 0.5;
-                let physics = structure.physics(&theta, demo.spec.friction());
-                let rollout = simulate(&scene, &physics).map_err(|error| error.to_string())?;
-                Ok(rollout
-                    .frames
-                    .iter()
-                    .map(|line| at_markers(&rollout.arc_m, line))
-                    .collect())
-            })
-            .collect()
+        let mut scene =
+            Scene::of_demo(demo, FINER * MIN_CELLS_PER_DIAMETER).map_err(|error| error.to_string())?;
+        scene.sampling = Sampling {
+            slice_cells: 0.43,
+            section_cells: 0.3,
+        };
+        scene.step_share = 0.5;
+        let mut physics = structure.physics(&theta, demo.spec.friction());
+        physics.roll(demo.spec.rope.roll_rad);
+        let rollout = simulate(&scene, &physics).map_err(|error| error.to_string())?;
+        let frames = rollout.frames.iter();
+        Ok(frames.map(|line| at_markers(&rollout.arc_m, line)).collect())
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::cells::Cell;
 use super::experiment::{FITTED, MOTIONS};
+use super::follow_up::{FollowUp, follow_up};
 use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
 use crate::demo::Demo;
@@ -80,6 +81,9 @@ pub struct Answer {
     pub refits: Vec<(String, Vec<String>)>,
     /// Time of the diagnosis, s.
     pub wall_s: f64,
+    /// What came of the demonstration that was proposed, where models were left alike.
+    #[serde(default)]
+    pub follow_up: Option<FollowUp>,
 }
 
 /// The file of a cell's answer.
@@ -177,7 +181,10 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     let fit: Vec<&Demo> = fit.iter().collect();
     let held_out: Vec<&Demo> = held_out.iter().collect();
     match close_loop(&fit, &held_out, &options, &|_| {}) {
-        Ok(outcome) => answer(cell, truth, &outcome, start.elapsed().as_secs_f64()),
+        Ok(outcome) => Answer {
+            follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
+            ..answer(cell, truth, &outcome, start.elapsed().as_secs_f64())
+        },
         Err(error) => failed(cell, error.to_string(), start.elapsed().as_secs_f64()),
     }
 }
@@ -197,6 +204,7 @@ fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
         discretisation_mm: 0.0,
         refits: Vec::new(),
         wall_s,
+        follow_up: None,
     }
 }
 
@@ -247,6 +255,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
             })
             .collect(),
         wall_s,
+        follow_up: None,
     }
 }
 

@@ -5,6 +5,7 @@ use super::progress::Reporter;
 use anyhow::Context;
 use offline::collect::Watch;
 use offline::demo::Demo;
+use offline::diagnose::Advice;
 use offline::fit::{Problem, estimates};
 use offline::inspect::inspect;
 use offline::model::{Estimate, Structure};
@@ -44,6 +45,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let run = RunFolder::open(&out)?;
     let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
     say_identified(&identified, &reporter);
+    say_advice(&identified.advice, &reporter);
     let fitted: Vec<&Demo> = inputs.demos.iter().collect();
     for warning in misfits(&fitted, &identified.outcome.fitted.best) {
         reporter.say(&format!("warning: {warning}"));
@@ -122,6 +124,7 @@ fn report(
         demos: &demos,
         held_out: &held_out,
         outcome,
+        advice: &identified.advice,
         before: &before,
         after: &after,
         policy: learned.map(|l| PolicySection {
@@ -224,6 +227,33 @@ fn say_identified(identified: &Identified, reporter: &Reporter) {
         "held-out error {:.2} mm ({:.1} noise floors) before, {:.2} mm ({:.1}) after",
         before.rms_mm, before.floors, after.rms_mm, after.floors
     ));
+}
+
+/// Effects that are told of the list of what matters for the swing; the report has all.
+const RISKS_TOLD: usize = 3;
+
+fn say_advice(advice: &Advice, reporter: &Reporter) {
+    let risks = advice.swing.risks.iter().take(RISKS_TOLD);
+    let told: Vec<String> = risks
+        .filter_map(|risk| Some(format!("{} {:.1} mm", risk.allowed.name, risk.at_most_mm?)))
+        .collect();
+    match &advice.swing.missing {
+        Some(why) => reporter.say(&format!("what matters for the swing is not known: {why}")),
+        None => reporter.say(&format!(
+            "could still move the reach of the swing by up to: {}",
+            told.join(", ")
+        )),
+    }
+    let next = &advice.next_demonstration;
+    for motion in &next.motions {
+        let figure = match (motion.power, motion.swing_mm) {
+            (Some(power), _) => format!("{:3.0} % power", 100.0 * power),
+            (None, Some(mm)) => format!("{mm:5.1} mm left"),
+            (None, None) => "not simulated".into(),
+        };
+        reporter.say(&format!("  {figure}: {}", motion.words));
+    }
+    reporter.say(&format!("next demonstration: {}", next.in_words));
 }
 
 fn estimate_line(e: &Estimate) -> String {

@@ -12,6 +12,8 @@ pub(super) const FARTHEST_M: f64 = 20.0;
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Densities from foam (15 kg/m³) to steel wire (8000 kg/m³), with a margin, kg/m³.
 const DENSITIES: std::ops::RangeInclusive<f64> = 5.0..=20_000.0;
+/// Most that a rope can be rolled about its axis, rad.
+const FULL_TURN_RAD: f64 = std::f64::consts::TAU;
 
 /// Checks everything but the clouds' points, as if it stood in the folder `dir`.
 pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
@@ -179,6 +181,16 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
                 rope.end_mass_kg
             ),
             "give it in kg, from 0 to 10",
+        );
+    }
+    // NaN is in no range.
+    if !(-FULL_TURN_RAD..=FULL_TURN_RAD).contains(&rope.roll_rad) {
+        return fail(
+            format!(
+                "rope.roll_rad = {} is no angle by which a rope is rolled",
+                rope.roll_rad
+            ),
+            "give it in radians, at most one turn",
         );
     }
     unit(file, "rope.direction", &rope.direction)

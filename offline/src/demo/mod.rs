@@ -98,6 +98,11 @@ pub struct RopeSpec {
     /// Known mass that sits at the rope's end (s = length) besides the rope's own, kg: a weight, a cap.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub end_mass_kg: f64,
+    /// By how much the rope is rolled about its own axis against the other demonstrations of the same rope,
+    /// right-handed about [`Self::direction`], rad: what its material brings along, such as a bend at rest,
+    /// turns with it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub roll_rad: f64,
     /// Which of the values above nobody measured. Then only ratios are identified: stiffness per mass
     /// where the mass is assumed, bending stiffness and not Young's modulus where the diameter is.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

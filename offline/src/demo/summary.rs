@@ -31,6 +31,13 @@ pub fn summary(demo: &Demo) -> String {
     if rope.end_mass_kg > 0.0 {
         let _ = writeln!(text, "end       carries {:.1} g", 1e3 * rope.end_mass_kg);
     }
+    if rope.roll_rad != 0.0 {
+        let _ = writeln!(
+            text,
+            "rolled    by {:.0} degrees about its axis",
+            rope.roll_rad.to_degrees()
+        );
+    }
     for measure in &rope.assumed {
         let _ = writeln!(text, "assumed   {}", assumption(*measure));
     }

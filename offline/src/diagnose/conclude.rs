@@ -192,6 +192,7 @@ mod tests {
                 effect: 0,
                 id: effects::ALL[0].id.into(),
                 parameters: Vec::new(),
+                theta: Vec::new(),
                 fit: nothing.clone(),
                 held_out: nothing,
                 gates: Vec::new(),

@@ -8,13 +8,18 @@
 
 mod conclude;
 mod gates;
+mod next;
 mod noise;
 mod rounds;
 mod score;
 mod verdict;
 
 pub use gates::Gate;
+pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks};
+pub use next::{
+    Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
+};
 pub use noise::Noise;
-pub use rounds::{LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
+pub use rounds::{Library, LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
 pub use score::{Score, ScoreTable};
 pub use verdict::{ReasonCode, Verdict};

@@ -83,6 +83,8 @@ pub struct Refit {
     pub id: String,
     /// Parameters of the effect.
     pub parameters: Vec<Estimate>,
+    /// All parameters of the model, as the fit takes them.
+    pub theta: Vec<f64>,
     /// Residual where fitted.
     pub fit: ResidualSummary,
     /// Residual where held out.
@@ -128,6 +130,16 @@ pub struct Outcome {
     pub noise_scale: Option<f64>,
     /// Effects that fit as well as the last one found.
     pub rivals: Vec<String>,
+    /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
+    pub library: Option<Library>,
+}
+
+/// A model with the whole library appended at its vanishing values, where a round started.
+pub struct Library {
+    /// Effects of the model, then the others.
+    pub structure: Structure,
+    /// The demonstrations that are fitted.
+    pub evaluation: Evaluation,
 }
 
 /// Last share of a demonstration that is held out when no other demonstration is.
@@ -136,7 +148,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
-const REFIT_EVALUATIONS: usize = 10;
+pub(super) const REFIT_EVALUATIONS: usize = 10;
 
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
 /// the last part of the same.
@@ -223,12 +235,13 @@ pub fn close_loop(
     let mut fitted = bench.again(&structure, &base.best.theta)?;
     let mut held_now = ResidualSummary::of(&held_out_before);
     let mut rounds: Vec<Round> = Vec::new();
-    let mut rivals = Vec::new();
+    let (mut rivals, mut library) = (Vec::new(), None);
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
         && !only_numerical(&fitted, &rounds)
     {
-        let (round, winner) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
+        let (round, winner, slopes) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
+        library = Some(slopes);
         let done = winner.is_none();
         if let Some((next_structure, next_fit, next_held, tied)) = winner {
             rivals = tied;
@@ -260,6 +273,7 @@ pub fn close_loop(
         reasons,
         noise_scale: noise.map(|n| n.scale),
         rivals,
+        library,
     })
 }
 
@@ -294,9 +308,9 @@ fn one_round(
     held_now: &ResidualSummary,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<(Round, Option<Winner>), FitError> {
+) -> Result<(Round, Option<Winner>, Library), FitError> {
     progress("scoring every effect of the library from one pass of tangents");
-    let table = score(bench, structure, &fitted.best.theta, options)?;
+    let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
     let listed = table.scores.iter().take(LISTED);
     let listed: Vec<String> = listed
         .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
@@ -328,7 +342,7 @@ fn one_round(
         refits,
         accepted,
     };
-    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied))))
+    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied)), library))
 }
 
 /// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
@@ -390,11 +404,15 @@ fn names(scores: &[&Score]) -> Vec<String> {
 
 /// Two models tie when their sums of squares per independent offset differ by less than two standard
 /// errors of such a sum.
-fn ties(best: &FitResult, other: &FitResult) -> bool {
-    let effective = ResidualSummary::of(&best.best).effective_rows.max(1.0);
+pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
     let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
-    let spread = 2.0 * (2.0 / effective).sqrt() * reduced(best);
-    reduced(other) - reduced(best) < spread
+    reduced(other) - reduced(best) < tie_spread(&best.best)
+}
+
+/// Difference of sums of squares per offset below which a model ties with the best.
+pub(super) fn tie_spread(best: &Evaluation) -> f64 {
+    let summary = ResidualSummary::of(best);
+    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
 }
 
 fn score(
@@ -402,7 +420,7 @@ fn score(
     structure: &Structure,
     theta: &[f64],
     options: &LoopOptions,
-) -> Result<ScoreTable, FitError> {
+) -> Result<(ScoreTable, Library), FitError> {
     let mut wide = structure.clone();
     let mut wide_theta = theta.to_vec();
     for (index, spec) in effects::ALL.iter().enumerate() {
@@ -427,7 +445,12 @@ fn score(
     let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
     let nuisances = options.without != Some(Part::Nuisances);
     let problem = ScoreProblem::new(&evaluation, &wide, structure, &bench.noise, nuisances);
-    Ok(problem.table(&errors, &sigmas, options.seed))
+    let table = problem.table(&errors, &sigmas, options.seed);
+    let library = Library {
+        structure: wide,
+        evaluation,
+    };
+    Ok((table, library))
 }
 
 /// Estimated discretisation error of a prediction, m.
@@ -492,6 +515,7 @@ fn refit(
         effect: score.effect,
         id: spec.id.into(),
         parameters: all[first..].to_vec(),
+        theta: result.best.theta.clone(),
         fit: ResidualSummary::of(&result.best),
         held_out: ResidualSummary::of(&held_out),
         gates: Vec::new(),

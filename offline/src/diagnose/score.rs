@@ -204,6 +204,23 @@ impl ScoreProblem {
         }
     }
 
+    /// One-step estimate and standard error of the parameters of every candidate, each effect alone: what
+    /// these data say about effects that the model lacks. Errors hold the noise only.
+    pub fn intervals(&self) -> Vec<(usize, Vec<f64>, Vec<f64>)> {
+        let views = self.views();
+        let solved = |(b, block): (usize, &Block)| {
+            let solved = Solved::of(block, &views[self.view(b)], b);
+            (block.effect, solved.estimate, solved.standard_error)
+        };
+        self.blocks.iter().enumerate().map(solved).collect()
+    }
+
+    /// Mean square of the whitened residual with what is free taken out, at least one.
+    pub fn misfit(&self) -> f64 {
+        let [free, _] = self.views();
+        (free.residual.norm_squared() / free.residual.len() as f64).max(1.0)
+    }
+
     /// Which view a block is scored in.
     fn view(&self, block: usize) -> usize {
         usize::from(self.blocks[block].without_cameras)

@@ -173,7 +173,8 @@ impl<'a> Problem<'a> {
         theta: &[T],
     ) -> Result<Rollout<T>, FitError> {
         let spec = &self.demos[demo].spec;
-        let physics = structure.physics(theta, spec.friction());
+        let mut physics = structure.physics(theta, spec.friction());
+        physics.roll(spec.rope.roll_rad);
         simulate(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
     }
 

@@ -2,7 +2,10 @@
 
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
-use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
+use crate::diagnose::{
+    Advice, LoopOptions, NextDemonstration, Outcome, ReasonCode, Round, SwingRisks, Verdict, advise,
+    close_loop,
+};
 use crate::effects;
 use crate::fit::{estimates, fit_from};
 use crate::model::{Estimate, Structure};
@@ -16,6 +19,8 @@ use serde::{Deserialize, Serialize};
 pub struct Identified {
     /// The loop's outcome.
     pub outcome: Outcome,
+    /// What to do next, and what matters for the swing.
+    pub advice: Advice,
     /// The rope.
     pub model: ModelFile,
     /// Content hash of the model, which rollouts carry.
@@ -57,6 +62,10 @@ struct DiagnosisFile {
     held_out_before: ResidualSummary,
     held_out_after: ResidualSummary,
     rounds: Vec<Round>,
+    /// The demonstration that would tell most.
+    next_demonstration: NextDemonstration,
+    /// How far each effect could move the reach of the swing at the size that the data still allow.
+    swing: SwingRisks,
 }
 
 /// Fits, diagnoses and writes `fit.json`, `residual.json`, `diagnosis.json` and `model.toml`; reads
@@ -74,15 +83,23 @@ pub fn identify(
     let held_out: Vec<&Demo> = inputs.held_out.iter().collect();
     let key = key(inputs, settings);
     let options = LoopOptions::new(settings.resolution(), settings.seed);
-    let outcome = match earlier(run, key) {
+    let (outcome, advice) = match earlier(run, key) {
         Some((fit, diagnosis)) => {
             progress("fit and diagnosis are there from an earlier run");
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
-            let outcome = close_loop(&demos, &held_out, &options, progress)?;
-            save(run, key, &outcome)?;
-            outcome
+            let mut outcome = close_loop(&demos, &held_out, &options, progress)?;
+            let advice = advise(&demos, &held_out, &outcome, &options, progress);
+            if let Verdict::Confounded {
+                separating_demonstration,
+                ..
+            } = &mut outcome.verdict
+            {
+                separating_demonstration.clone_from(&advice.next_demonstration.in_words);
+            }
+            save(run, key, &outcome, &advice)?;
+            (outcome, advice)
         }
     };
     let model = model(inputs, settings, &outcome);
@@ -91,6 +108,7 @@ pub fn identify(
     let hashed = toml::to_string(&(&model.rope, &model.effects, settings.cells)).unwrap_or_default();
     Ok(Identified {
         outcome,
+        advice,
         model_hash: Fnv64::of(hashed.as_bytes()),
         model,
     })
@@ -124,7 +142,7 @@ fn restore(
     options: &LoopOptions,
     fit: FitFile,
     diagnosis: DiagnosisFile,
-) -> anyhow::Result<Outcome> {
+) -> anyhow::Result<(Outcome, Advice)> {
     let structure = Structure {
         effects: fit.effects.iter().filter_map(|id| effects::find(id)).collect(),
     };
@@ -133,7 +151,11 @@ fn restore(
         problem.noise_scale = diagnosis.noise_scale.unwrap_or(1.0);
     }
     let base_structure = Structure::default();
-    Ok(Outcome {
+    let advice = Advice {
+        next_demonstration: diagnosis.next_demonstration,
+        swing: diagnosis.swing,
+    };
+    let outcome = Outcome {
         fitted: fit_from(&here, &structure, fit.final_theta.clone(), 1)?,
         base: fit_from(&here, &base_structure, fit.base_theta.clone(), 1)?,
         held_out_before: there.residuals(&base_structure, &fit.base_theta)?,
@@ -144,10 +166,12 @@ fn restore(
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
         rivals: diagnosis.rivals,
-    })
+        library: None,
+    };
+    Ok((outcome, advice))
 }
 
-fn save(run: &RunFolder, key: u64, outcome: &Outcome) -> anyhow::Result<()> {
+fn save(run: &RunFolder, key: u64, outcome: &Outcome, advice: &Advice) -> anyhow::Result<()> {
     let fit = FitFile {
         key,
         base_theta: outcome.base.best.theta.clone(),
@@ -184,6 +208,8 @@ fn save(run: &RunFolder, key: u64, outcome: &Outcome) -> anyhow::Result<()> {
         held_out_before: ResidualSummary::of(&outcome.held_out_before),
         held_out_after: ResidualSummary::of(&outcome.held_out_after),
         rounds: outcome.rounds.clone(),
+        next_demonstration: advice.next_demonstration.clone(),
+        swing: advice.swing.clone(),
     };
     write_whole(&run.fit(), &serde_json::to_vec_pretty(&fit)?)?;
     write_whole(&run.diagnosis(), &serde_json::to_vec_pretty(&diagnosis)?)?;

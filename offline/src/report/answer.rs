@@ -23,6 +23,7 @@ pub(super) fn section(input: &ReportInput) -> Markup {
             p.verdict { (outcome.verdict.to_string()) }
             p { (error_line(&before, &after)) }
             p { (rope_line(&found)) }
+            p { "Next: " (input.advice.next_demonstration.in_words) "." }
         }
         h3 { "Parameters" }
         (parameters(&base, &found, density))

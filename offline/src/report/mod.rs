@@ -2,6 +2,7 @@
 
 mod answer;
 mod maps;
+mod next;
 mod overlay;
 mod page;
 mod policy;
@@ -13,7 +14,7 @@ pub use view::{DemoView, views};
 
 use crate::collect::DatasetSummary;
 use crate::demo::Demo;
-use crate::diagnose::Outcome;
+use crate::diagnose::{Advice, Outcome};
 use crate::evaluate::Evaluation;
 use crate::inspect::BlobReport;
 use crate::trained::TrainingRecord;
@@ -29,6 +30,8 @@ pub struct ReportInput<'a> {
     pub held_out: &'a [&'a Demo],
     /// What the loop found.
     pub outcome: &'a Outcome,
+    /// What to do next, and what matters for the swing.
+    pub advice: &'a Advice,
     /// The base model on every demonstration, fitted ones first.
     pub before: &'a [DemoView],
     /// The final model on the same demonstrations in the same order.
@@ -58,6 +61,7 @@ pub fn html(input: &ReportInput) -> String {
         (overlay::section(input))
         (residuals::section(input))
         (ranking::section(&input.outcome.rounds))
+        (next::section(input.advice))
         (policy::section(input.policy.as_ref()))
         (page::provenance(input))
     };

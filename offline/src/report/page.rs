@@ -114,7 +114,17 @@ pub(super) fn effect_title(id: &str) -> &str {
 
 /// A parameter's name within its effect without the unit at its end, which stands by the value.
 pub(super) fn without_unit(parameter: &str) -> String {
-    let units = ["_per_s", "_kg", "_rad", "_s", "_m", "_pa"];
+    let units = [
+        "_rad_per_n_m",
+        "_m2_s2",
+        "_per_m",
+        "_per_s",
+        "_kg",
+        "_rad",
+        "_s",
+        "_m",
+        "_pa",
+    ];
     let bare = units.iter().find_map(|unit| parameter.strip_suffix(unit));
     bare.unwrap_or(parameter).replace('_', " ")
 }

@@ -4,7 +4,10 @@ use super::maps::{Scale, pair};
 use super::*;
 use crate::demo::CloudFrame;
 use crate::demo::Observations;
-use crate::diagnose::{Gate, Refit, Round, Score, ScoreTable, Verdict};
+use crate::diagnose::{
+    Allowed, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable, SwingRisk,
+    SwingRisks, Verdict,
+};
 use crate::effects;
 use crate::fit::{self, Correlation, FitResult, StopReason};
 use crate::model::Structure;
@@ -132,6 +135,7 @@ fn round() -> Round {
             effect: 0,
             id: "tip_mass".to_owned(),
             parameters: Vec::new(),
+            theta: Vec::new(),
             fit: summary.clone(),
             held_out: summary,
             gates: vec![Gate {
@@ -160,12 +164,57 @@ fn outcome() -> Outcome {
         reasons: Vec::new(),
         noise_scale: None,
         rivals: Vec::new(),
+        library: None,
+    }
+}
+
+fn advice() -> Advice {
+    let motion = |id: &str, power: f64| MotionProspect {
+        id: id.to_owned(),
+        words: format!("lift it {id}"),
+        duration_s: 3.1,
+        noncentrality: Some(12.0),
+        power: Some(power),
+        half_width: None,
+        swing_mm: None,
+        failed: None,
+    };
+    let allowed = Allowed {
+        name: "air_drag.normal_coefficient".to_owned(),
+        unit: "1".to_owned(),
+        effect: effects::find("air_drag"),
+        index: 0,
+        in_model: false,
+        value: 0.0,
+        interval: [0.0, 2.5],
+        bounded_by_range: true,
+    };
+    Advice {
+        next_demonstration: NextDemonstration {
+            question: Question::TellApart {
+                models: vec![vec!["tip_mass".to_owned()], vec!["density_gradient".to_owned()]],
+            },
+            in_words: "lift it slower: it would tell <them> apart".to_owned(),
+            proposed: Some("slower".to_owned()),
+            motions: vec![motion("faster", 0.123), motion("slower", 0.97)],
+        },
+        swing: SwingRisks {
+            releases_m: vec![[0.15, 0.15]],
+            reaches_m: vec![0.312],
+            risks: vec![SwingRisk {
+                allowed,
+                slope_mm_per_unit: Some(4.0),
+                at_most_mm: Some(10.0),
+            }],
+            missing: None,
+        },
     }
 }
 
 fn report() -> String {
     let demo = shipped();
     html(&ReportInput {
+        advice: &advice(),
         title: "Rope <7>",
         demos: &[&demo],
         held_out: &[&demo],
@@ -206,6 +255,8 @@ fn the_answer_comes_first_in_mm_and_in_floors() {
         "Measured and simulated rope",
         "What the models leave unexplained",
         "Which physics is missing",
+        "The next demonstration",
+        "What matters for the swing",
         "<h2>Policy",
         "<h2>Provenance",
     ];
@@ -255,6 +306,16 @@ fn every_effect_that_was_not_accepted_has_a_reason() {
         reasons[2],
         "score 3.00, below the 50.0 that data without any effect reach"
     );
+}
+
+#[test]
+fn the_next_demonstration_stands_with_its_power_and_the_risks_with_their_millimetres() {
+    let page = report();
+    assert!(page.contains("tell &lt;them&gt; apart"));
+    assert!(page.contains("tip mass or density gradient"));
+    for figure in ["97 %", "12 %", "10.0", "0 to 2.50", "0.312 m"] {
+        assert!(page.contains(figure), "no {figure}");
+    }
 }
 
 #[test]

@@ -55,6 +55,7 @@ pub fn demo_of(scene: &Scene, clouds_m: Vec<Vec<[f64; 3]>>, noise_m: f64) -> Dem
                 mass_kg: scene.rope.mass_kg,
                 direction: scene.direction,
                 end_mass_kg: 0.0,
+                roll_rad: 0.0,
                 assumed: Vec::new(),
             },
             table: scene.table.map(|table| TableSpec {

@@ -105,6 +105,23 @@ pub trait ShapeLaw<T: Real>: Send + Sync {
     fn curvature_per_m(&self, arc_m: f64) -> [T; 2];
 }
 
+/// The stress-free shape of a rope that was rolled about its axis.
+struct Rolled<T> {
+    rope: Box<dyn ShapeLaw<T>>,
+    sin: f64,
+    cos: f64,
+}
+
+impl<T: Real> ShapeLaw<T> for Rolled<T> {
+    fn curvature_per_m(&self, arc_m: f64) -> [T; 2] {
+        let [side, up] = self.rope.curvature_per_m(arc_m);
+        [
+            side.scale(self.cos) - up.scale(self.sin),
+            side.scale(self.sin) + up.scale(self.cos),
+        ]
+    }
+}
+
 /// A bending stiffness other than that of the solid section.
 pub trait BendingLaw<T: Real>: Send + Sync {
     /// Changes the bending stiffness of every slice, as a multiple of the solid section's, in place;
@@ -235,6 +252,18 @@ impl<T: Real> Physics<T> {
             && self.flow_laws.is_empty()
             && self.bending_laws.is_empty()
             && self.memory_laws.is_empty())
+    }
+
+    /// Rolls the rope about its axis before it is gripped, right-handed: what its material brings along
+    /// turns with it.
+    pub fn roll(&mut self, roll_rad: f64) {
+        if roll_rad == 0.0 {
+            return;
+        }
+        let (sin, cos) = libm::sincos(roll_rad);
+        let laws = std::mem::take(&mut self.shape_laws).into_iter();
+        let rolled = |rope| -> Box<dyn ShapeLaw<T>> { Box::new(Rolled { rope, sin, cos }) };
+        self.shape_laws = laws.map(rolled).collect();
     }
 
     /// What the cameras' clock shows above the robot's, s.

@@ -175,6 +175,7 @@ fn one(recording: Recording, rate_hz: f64) -> Demo {
             mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
             direction: first,
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: MASS_AND_DIAMETER.to_vec(),
         },
         clamps: vec![

@@ -92,6 +92,7 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
             mass_kg: assumed_mass_kg(length_m, ASSUMED_DIAMETER_M, ASSUMED_DENSITY_KG_M3),
             direction: direction.into(),
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: MASS_AND_DIAMETER.to_vec(),
         },
         clamps: vec![(grip, clamp)],

@@ -235,6 +235,7 @@ fn demo(cable: &Cable, kind: &Kind, clamp: Vec<ClampSample>, markers: Vec<Marker
             mass_kg: cable.mass_kg * length_m / cable.free_m,
             direction: (turn * -Vector3::z()).into(),
             end_mass_kg: cable.end_mass_kg,
+            roll_rad: 0.0,
             assumed: Vec::new(),
         },
         clamps: vec![(grip, clamp)],

@@ -74,6 +74,7 @@ fn one(dir: &Path, manifest: &Table, row: usize) -> Result<Demo, DemoError> {
             mass_kg: manifest.number(row, "mass_per_length_kg_m")? * length_m,
             direction: along.into(),
             end_mass_kg: 0.0,
+            roll_rad: 0.0,
             assumed: vec![RopeMeasure::DiameterM],
         },
         clamps: vec![

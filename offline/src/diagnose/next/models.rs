@@ -1,0 +1,110 @@
+//! The models that a diagnosis leaves open.
+
+use super::super::rounds::{LoopOptions, Outcome, REFIT_EVALUATIONS, ties};
+use super::super::verdict::Verdict;
+use crate::demo::Demo;
+use crate::effects;
+use crate::fit::{FitError, FitResult, Problem, fit_from};
+use crate::model::Structure;
+use rayon::prelude::*;
+
+/// Standard deviation of a nuisance's prior, in smallest sizes of interest.
+const NUISANCE_SIZES: f64 = 5.0;
+
+/// A model that the data allow.
+#[derive(Clone)]
+pub(super) struct Model {
+    pub(super) structure: Structure,
+    /// θ of the fit.
+    pub(super) theta: Vec<f64>,
+}
+
+impl Model {
+    /// With one more effect, at the value at which it vanishes.
+    pub(super) fn with(&self, effect: usize) -> Self {
+        let mut theta = self.theta.clone();
+        theta.extend(effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at));
+        Self {
+            structure: self.structure.with(effect),
+            theta,
+        }
+    }
+
+    pub(super) fn names(&self) -> Vec<String> {
+        self.structure
+            .effects
+            .iter()
+            .map(|&e| effects::ALL[e].id.into())
+            .collect()
+    }
+
+    /// Standard deviations of the priors of θ; those of effects from index `free` on are a nuisance's.
+    pub(super) fn prior_sd(&self, free: usize) -> Vec<f64> {
+        let count = |&e: &usize| effects::ALL[e].parameters.len();
+        let own = 2 + self.structure.effects[..free].iter().map(count).sum::<usize>();
+        let info = self.structure.parameters();
+        let sd = info.iter().enumerate().map(|(k, p)| {
+            if k < own {
+                p.prior_sd
+            } else {
+                NUISANCE_SIZES * p.smallest_of_interest
+            }
+        });
+        sd.collect()
+    }
+}
+
+/// The models between which the data cannot choose: the final one and those with a rival in the place of
+/// its last effect.
+pub(super) fn alike(outcome: &Outcome) -> Vec<Model> {
+    let last = Model {
+        structure: outcome.structure.clone(),
+        theta: outcome.fitted.best.theta.clone(),
+    };
+    let mut found = vec![last];
+    let round = outcome.rounds.iter().rfind(|round| round.accepted.is_some());
+    if let (Some(round), Verdict::Confounded { .. }) = (round, &outcome.verdict) {
+        let known = outcome.structure.effects[..outcome.structure.effects.len() - 1].to_vec();
+        for refit in round
+            .refits
+            .iter()
+            .filter(|refit| outcome.rivals.contains(&refit.id))
+        {
+            if let Some(effect) = effects::find(&refit.id) {
+                found.push(Model {
+                    structure: Structure {
+                        effects: known.clone(),
+                    }
+                    .with(effect),
+                    theta: refit.theta.clone(),
+                });
+            }
+        }
+    }
+    found
+}
+
+/// Effects of the models that a diagnosis left alike and that still are when they are fitted anew to
+/// `demos`, the best first.
+///
+/// # Errors
+/// A model cannot be fitted to them.
+pub fn still_alike(
+    demos: &[&Demo],
+    outcome: &Outcome,
+    options: &LoopOptions,
+) -> Result<Vec<Vec<String>>, FitError> {
+    let mut problem = Problem::new(demos, options.resolution)?;
+    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    let models = alike(outcome);
+    let refits = models.par_iter().map(|model| {
+        let theta = model.theta.clone();
+        fit_from(&problem, &model.structure, theta, REFIT_EVALUATIONS)
+    });
+    let fits: Vec<FitResult> = refits.collect::<Result<_, _>>()?;
+    let mut order: Vec<usize> = (0..models.len()).collect();
+    order.sort_by(|&a, &b| fits[a].best.rms_m().total_cmp(&fits[b].best.rms_m()));
+    let best = order[0];
+    order.retain(|&m| m == best || ties(&fits[best], &fits[m]));
+    Ok(order.into_iter().map(|m| models[m].names()).collect())
+}
