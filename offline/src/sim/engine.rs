@@ -46,6 +46,8 @@ pub(super) trait Engine<T> {
     fn slices(&self) -> usize;
     /// Middle of a slice and its velocity, m and m/s.
     fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>);
+    /// x of the middle of a slice, m.
+    fn slice_x(&self, slice: usize) -> T;
     /// A member of a slice and its velocity, m and m/s.
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
 }
@@ -137,6 +139,9 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         }
         let share = 1.0 / members.len() as f64;
         (scaled(place, share), scaled(velocity, share))
+    }
+    fn slice_x(&self, slice: usize) -> T {
+        self.slice_mean(slice).0[0]
     }
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
         let particle = &self.particles[slice * self.section + member];

@@ -9,7 +9,9 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum Cause {
     /// The material turned inside out.
-    #[error("particle {particle} is inverted (det F = {det:.3}): lower the time step or the speed")]
+    #[error(
+        "particle {particle} is inverted (det F = {det:.3}): the rope is strained too much; make it stiffer or lighter, move it more slowly, or lower an effect that bends or weakens it (rest curvature, yield, bending ratio); halve the step (step_share) to see whether that is it"
+    )]
     Inverted {
         /// Index of the particle.
         particle: usize,
@@ -17,13 +19,15 @@ pub enum Cause {
         det: f64,
     },
     /// A value is NaN or infinite.
-    #[error("particle {particle} is not finite: the run is unstable, lower the time step")]
+    #[error("particle {particle} is not finite: the run is unstable, lower the time step (step_share)")]
     NonFinite {
         /// Index of the particle.
         particle: usize,
     },
     /// A particle moved further than half a cell in one step: the CFL condition is violated.
-    #[error("particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL)")]
+    #[error(
+        "particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL): lower the step (step_share), the gripper's speed or the time of free fall"
+    )]
     TooFast {
         /// Index of the particle.
         particle: usize,
@@ -47,6 +51,22 @@ pub enum Cause {
         distance_m: f64,
         /// Free length of rope between them, m.
         length_m: f64,
+    },
+    /// The rope at rest is bent too much to be held straight.
+    #[error(
+        "at rest the inner side of the bent rope has {volume:.2} of its volume, which nothing straightens: less rest curvature, or a thinner rope"
+    )]
+    BentAtRest {
+        /// Least volume of a piece of its shape at rest over the undeformed one.
+        volume: f64,
+    },
+    /// The weight of a rope held at both ends, one above the other, would compress it to nothing.
+    #[error(
+        "the rope is too soft to stand between its grips: its weight would shorten its lower half by {strain:.1} times its length; give a larger young_pa, or a shorter or lighter rope"
+    )]
+    Collapses {
+        /// Compressive strain of linear elasticity at the lower grip.
+        strain: f64,
     },
     /// A fixed time step is not stable.
     #[error("a time step of {dt_s:.2e} s is not stable here: choose one of at most {longest_s:.2e} s")]

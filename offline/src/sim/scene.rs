@@ -476,12 +476,14 @@ impl Scene {
         Ok(())
     }
 
-    /// Number of steps of `dt_s` from start to `late_s` after the end.
+    /// Number of steps of `dt_s` to the end, or to the last frame if a camera takes it `late_s` after its
+    /// time and that is later.
     ///
     /// # Errors
     /// They would not end within reason ([`MOST_PARTICLE_STEPS`]).
     pub fn steps(&self, dt_s: f64, late_s: f64, particles: usize) -> Result<usize, SimError> {
-        let steps = ((self.duration_s + late_s) / dt_s).ceil();
+        let last_frame_s = self.frame_times_s.last().map_or(0.0, |t_s| t_s + late_s);
+        let steps = (self.duration_s.max(last_frame_s) / dt_s).ceil();
         if steps.is_nan() || steps * particles as f64 > MOST_PARTICLE_STEPS {
             return Err(SimError::at_start(Cause::TooLong { steps, particles }));
         }

@@ -8,7 +8,7 @@
 
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
-use super::elastic::Lame;
+use super::elastic::{Lame, fused_dot};
 use super::engine::Engine;
 use super::error::Cause;
 use super::grid::GridSpec;
@@ -44,6 +44,22 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
             self.part(block, &Part::Press(block))?;
         }
         self.clamp(motions)
+    }
+
+    /// One component of the mean of a vector over a slice.
+    fn mean_of(&self, slice: usize, vector: VectorOf<T::Plain<I>>, axis: usize) -> T {
+        let members = self.blocks.transfer.members.len();
+        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
+        let sum = T::from_channels(|k| {
+            let first = (block * T::CHANNELS + k) * members;
+            let bodies = &self.blocks.bodies[first..first + members];
+            let mut sum = T::base(0.0);
+            for body in bodies {
+                sum += vector(body)[axis].lane(lane);
+            }
+            sum
+        });
+        sum.scale(1.0 / members as f64)
     }
 
     /// Does a part of a step for a block.
@@ -201,22 +217,25 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         unreachable!("scenes that start in motion run one particle after the other");
     }
 
+    #[inline(always)]
     fn fastest(&self) -> (usize, f64) {
         let members = self.blocks.transfer.members.len();
-        let mut fastest = (0, 0.0);
+        let (mut fastest, mut most) = ((0, 0.0), T::Plain::<I>::zero());
         for block in 0..self.blocks.transfer.blocks() {
             let first = block * T::CHANNELS * members;
             for (member, body) in self.blocks.bodies[first..first + members].iter().enumerate() {
-                let (places, lanes) = (
-                    body.position_m.map(Lanes::to_lanes),
-                    body.velocity_m_s.map(Lanes::to_lanes),
-                );
+                let ([x, y, z], v) = (body.position_m, body.velocity_m_s);
+                // A place that is not finite makes it NaN, which nothing exceeds.
+                let unplaced = (x + y + z) * T::Plain::<I>::zero();
+                let square = fused_dot(v, v) + unplaced;
+                if T::Plain::<I>::everywhere(most.exceeds(square)) {
+                    continue;
+                }
                 for lane in 0..Self::COUNT {
-                    let square: f64 = lanes.iter().map(|v| v[lane].value().powi(2)).sum();
-                    let finite = places.iter().all(|x| x[lane].value().is_finite());
-                    let speed = if finite { square.sqrt() } else { f64::NAN };
+                    let speed = square.lane(lane).value().sqrt();
                     if speed > fastest.1 || speed.is_nan() {
                         fastest = ((block * Self::COUNT + lane) * members + member, speed);
+                        most = T::Plain::<I>::splat(square.lane(lane));
                     }
                 }
             }
@@ -258,22 +277,12 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     }
 
     fn slice_mean(&self, slice: usize) -> (Vec3<T>, Vec3<T>) {
-        let members = self.blocks.transfer.members.len();
-        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
-        let mean = |vector: VectorOf<T::Plain<I>>| -> Vec3<T> {
-            std::array::from_fn(|a| {
-                let sum = T::from_channels(|k| {
-                    let first = (block * T::CHANNELS + k) * members;
-                    let mut sum = T::base(0.0);
-                    for body in &self.blocks.bodies[first..first + members] {
-                        sum += vector(body)[a].to_lanes()[lane];
-                    }
-                    sum
-                });
-                sum.scale(1.0 / members as f64)
-            })
-        };
+        let mean = |vector: VectorOf<T::Plain<I>>| std::array::from_fn(|a| self.mean_of(slice, vector, a));
         (mean(|body| &body.position_m), mean(|body| &body.velocity_m_s))
+    }
+
+    fn slice_x(&self, slice: usize) -> T {
+        self.mean_of(slice, |body| &body.position_m, 0)
     }
 
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
@@ -281,8 +290,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
         let body = |k: usize| &self.blocks.bodies[(block * T::CHANNELS + k) * members + member];
         (
-            std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].to_lanes()[lane])),
-            std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].to_lanes()[lane])),
+            std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].lane(lane))),
+            std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].lane(lane))),
         )
     }
 }

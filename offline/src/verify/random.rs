@@ -5,7 +5,8 @@
 //! [`MOST_SLENDER`] times as long as thick; E and ν of `model.rs`; friction 0 to 5; the gripper up to the
 //! flange speed that the arm's box permits; release points of the task; every effect present in a third
 //! of the scenes, its parameters uniform in their ranges. Every scene is checked at its whole length
-//! and run up to [`PARTICLE_STEPS`] steps of one particle.
+//! and run up to [`PARTICLE_STEPS`] steps of one particle; of a camera that is behind, the frames that it
+//! takes until then are asked for.
 
 use super::case::{Case, Of};
 use super::setup::knot;
@@ -25,13 +26,11 @@ use serde::Serialize;
 use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::catch_unwind;
 
 const FAMILY: Of = Of("random");
 /// Steps times particles of one scene: some hundred to some thousand steps.
 pub const PARTICLE_STEPS: f64 = 2e5;
-/// A camera's clock that is behind prolongs a rollout, at most by so many times that.
-const LATE_BUDGETS: f64 = 20.0;
 /// Fewest steps of one scene.
 const FEWEST_STEPS: f64 = 32.0;
 /// Largest length over diameter.
@@ -71,7 +70,7 @@ struct Outcome {
 pub fn run(count: usize, seed: u64) -> Outcomes {
     let ends: Vec<Outcome> = (0..count as u64)
         .into_par_iter()
-        .map(|index| end_of(&mut stream(seed, index)))
+        .map(|index| end_of(seed, index))
         .collect();
     let mut outcomes = Outcomes {
         scenes: count,
@@ -127,6 +126,8 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::TooFast { .. } => "stopped: too fast (CFL)",
         Cause::TooThin { .. } => "refused: too thin for the grid",
         Cause::Unreachable { .. } => "refused: unreachable",
+        Cause::BentAtRest { .. } => "refused: bent too much at rest",
+        Cause::Collapses { .. } => "refused: collapses under its weight",
         Cause::TooLong { .. } => "refused: too long",
         Cause::StepTooLong { .. } => "refused: step too long",
         Cause::OtherMaterialAtRest => "refused: not elastic at rest",
@@ -139,18 +140,20 @@ fn kind(cause: &Cause) -> &'static str {
     }
 }
 
-fn end_of(rng: &mut ChaCha8Rng) -> Outcome {
+fn end_of(seed: u64, index: u64) -> Outcome {
     // A panic is what is looked for; nothing of the scene is used after it.
-    catch_unwind(AssertUnwindSafe(|| {
-        draw(rng).map_or_else(|e| refused(&e), |(scene, physics)| play(scene, &physics))
-    }))
-    .unwrap_or_else(|_| Outcome {
-        kind: PANIC,
-        message: String::new(),
-        steps: 0,
-        whole: false,
-        released: false,
-    })
+    let mut end = catch_unwind(|| drawn(seed, index).map_or_else(|e| refused(&e), |drawn| play(&drawn)))
+        .unwrap_or_else(|_| Outcome {
+            kind: PANIC,
+            message: "see the panic's own message".into(),
+            steps: 0,
+            whole: false,
+            released: false,
+        });
+    if !end.message.is_empty() {
+        end.message = format!("number {index}: {}", end.message);
+    }
+    end
 }
 
 fn refused(error: &SimError) -> Outcome {
@@ -169,6 +172,31 @@ fn uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
 
 fn log_uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     uniform(rng, [low.ln(), high.ln()]).exp()
+}
+
+/// A random scene, shortened to what is run of it.
+pub struct Drawn {
+    /// The scene.
+    pub scene: Scene,
+    /// The rope's material and effects.
+    pub physics: Physics<f32>,
+    /// How long the scene was, s.
+    pub natural_s: f64,
+}
+
+/// Random scene number `index` of a seed.
+///
+/// # Errors
+/// What was drawn is refused.
+pub fn drawn(seed: u64, index: u64) -> Result<Drawn, SimError> {
+    let (mut scene, physics) = draw(&mut stream(seed, index))?;
+    let natural_s = scene.duration_s;
+    shorten(&mut scene, &physics);
+    Ok(Drawn {
+        scene,
+        physics,
+        natural_s,
+    })
 }
 
 fn draw(rng: &mut ChaCha8Rng) -> Result<(Scene, Physics<f32>), SimError> {
@@ -276,34 +304,35 @@ fn affordable_s(scene: &Scene, physics: &Physics<f32>) -> f64 {
     steps.floor() * time_step_s(scene, physics)
 }
 
-fn play(mut scene: Scene, physics: &Physics<f32>) -> Outcome {
-    let natural_s = scene.duration_s;
+/// Shortens a scene to what its budget of steps pays for.
+fn shorten(scene: &mut Scene, physics: &Physics<f32>) {
     let particles = scene.layout().particles() as f64;
-    let affordable_s = affordable_s(&scene, physics);
-    // What is too long as a whole must be refused as a whole; the rest is shortened.
-    if natural_s / time_step_s(&scene, physics) * particles <= MOST_PARTICLE_STEPS {
-        scene.duration_s = natural_s.min(affordable_s);
-        scene.frame_times_s.retain(|&t_s| t_s < affordable_s);
-        if scene.frame_times_s.last() != Some(&scene.duration_s) {
-            scene.frame_times_s.push(scene.duration_s);
-        }
-        scene.score_from_s = scene.score_from_s.min(scene.duration_s);
+    // What is too long as a whole must be refused as a whole.
+    if scene.duration_s / time_step_s(scene, physics) * particles > MOST_PARTICLE_STEPS {
+        return;
     }
+    scene.duration_s = scene.duration_s.min(affordable_s(scene, physics));
+    scene.score_from_s = scene.score_from_s.min(scene.duration_s);
     let late_s = f64::from(-physics.clock_offset_s()).max(0.0);
-    if late_s / time_step_s(&scene, physics) * particles > LATE_BUDGETS * PARTICLE_STEPS {
-        return Outcome {
-            kind: "not run: the camera sees a rope of tiny steps too late",
-            message: String::new(),
-            steps: 0,
-            whole: false,
-            released: false,
-        };
+    let last_s = scene.duration_s - late_s;
+    scene.frame_times_s.retain(|&t_s| t_s < last_s);
+    if last_s >= 0.0 {
+        scene.frame_times_s.push(last_s);
     }
+}
+
+fn play(
+    Drawn {
+        scene,
+        physics,
+        natural_s,
+    }: &Drawn,
+) -> Outcome {
     let released = scene
         .grips
         .iter()
         .any(|g| g.path.closed(0.0) && !g.path.closed(scene.duration_s));
-    match simulate(&scene, physics) {
+    match simulate(scene, physics) {
         Err(error) => refused(&error),
         Ok(rollout) => {
             let points = rollout
@@ -318,7 +347,7 @@ fn play(mut scene: Scene, physics: &Physics<f32>) -> Outcome {
                 kind: if finite && told { "ran" } else { SILENT },
                 message: String::new(),
                 steps: rollout.steps,
-                whole: scene.duration_s >= natural_s,
+                whole: scene.duration_s >= *natural_s,
                 released,
             }
         }

@@ -1,7 +1,9 @@
 //! Stops: every cause, produced by a scene that deserves it, with its step, particle and time.
 
 use super::case::{Case, Of};
-use super::setup::{DIAMETER_M, POISSON, SOFT_PA, elastic, free_scene, knot, rope, start_grip, with_effect};
+use super::setup::{
+    DIAMETER_M, G_M_S2, POISSON, SOFT_PA, elastic, free_scene, knot, rope, start_grip, with_effect,
+};
 use super::{Extent, Findings};
 use crate::demo::RopeEnd;
 use crate::sim::clamp::ClampPath;
@@ -14,7 +16,7 @@ const LEVEL: [f64; 3] = [1.0, 0.0, 0.0];
 
 pub(super) fn verify(_extent: Extent) -> Findings {
     let mut cases = vec![too_thin(), unreachable(), unreachable_release(), too_long()];
-    cases.extend([too_fast(), inverted(), not_finite()]);
+    cases.extend([bent_at_rest(), collapses(), too_fast(), inverted(), not_finite()]);
     cases.extend(bad_parameters());
     cases.extend(bad_scenes());
     cases.into()
@@ -88,6 +90,37 @@ fn too_long() -> Case {
         "three hours of a stiff rope: too long",
         run(&scene, &elastic(4e7)),
         |e| matches!(e.cause, Cause::TooLong { steps, particles } if steps > 1e8 && particles > 0),
+    )
+}
+
+/// A rope as thick as a wrist that is curled at rest with a radius of less than twice its own.
+fn bent_at_rest() -> Case {
+    let scene = Scene::new(rope(0.6, 0.06), [0.0; 3], LEVEL, vec![], None, 1.5, vec![0.1]);
+    let physics = with_effect("rest_curvature", &[18.0, 0.0], elastic(SOFT_PA));
+    stops(
+        "thick rope curled at rest: bent too much",
+        scene.and_then(|scene| run(&scene, &physics)),
+        |e| matches!(e.cause, Cause::BentAtRest { volume } if volume > 0.0 && volume < 0.6) && e.step == 0,
+    )
+}
+
+/// A rope of jelly held at both ends, one below the other: its weight is three times what would shorten its
+/// lower half to nothing.
+fn collapses() -> Case {
+    let shape = rope(0.4, DIAMETER_M);
+    let down = [0.0, 0.0, -1.0];
+    let mut grips = start_grip(0.02, ClampPath::fixed([0.0; 3]));
+    grips.push(Grip {
+        end: RopeEnd::End,
+        length_m: 0.02,
+        path: ClampPath::fixed([0.0, 0.0, -shape.length_m]),
+    });
+    let scene = Scene::new(shape, [0.0; 3], down, grips, None, 1.5, vec![0.1]);
+    let young_pa = shape.density_kg_m3() * G_M_S2 * 0.36 / 6.0;
+    stops(
+        "rope of jelly between two grips: collapses",
+        scene.and_then(|scene| run(&scene, &elastic(young_pa))),
+        |e| matches!(e.cause, Cause::Collapses { strain } if (strain - 3.0).abs() < 1e-9) && e.step == 0,
     )
 }
 

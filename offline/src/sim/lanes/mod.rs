@@ -55,6 +55,17 @@ pub trait Lanes: Arithmetic + Channels<Self> {
         Self::load(&lanes)
     }
 
+    /// One lane, read from memory: needs no instruction of the registers, so it is cheap also where code was
+    /// not compiled for them.
+    #[inline(always)]
+    fn lane(&self, index: usize) -> Self::Scalar {
+        const { assert!(size_of::<Self>() == Self::COUNT * size_of::<Self::Scalar>()) };
+        assert!(index < Self::COUNT);
+        // SAFETY: a register lies in memory as its lanes one after the other and nothing else (the size is
+        // checked above), every bit pattern is a number, and the index is one of a lane.
+        unsafe { *std::ptr::from_ref(self).cast::<Self::Scalar>().add(index) }
+    }
+
     /// The lanes; those beyond [`Self::COUNT`] are zero.
     #[inline(always)]
     fn to_lanes(self) -> [Self::Scalar; MOST_LANES] {
@@ -76,6 +87,7 @@ pub trait Channels<C> {
     fn set_channel(&mut self, index: usize, value: C);
 
     /// The number from its channels.
+    #[inline(always)]
     fn from_channels(mut channel: impl FnMut(usize) -> C) -> Self
     where
         Self: Arithmetic,

@@ -316,6 +316,7 @@ mod tests {
             let got = rows[row].to_lanes();
             for column in 0..L::COUNT {
                 assert!(got[column] == entry(column, row), "{row} {column}");
+                assert!(rows[row].lane(column) == got[column], "{row} {column}");
             }
         }
     }
