@@ -126,6 +126,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         held_out_after: problem.residuals(&structure, found.1).unwrap(),
         fitted,
         structure,
+        grid_shift: vec![0.0; found.1.len()],
         rounds: vec![Round {
             known: Vec::new(),
             table: ScoreTable {

@@ -102,7 +102,7 @@ impl Cantilever {
         let scene = settled(self.shape, LEVEL, grips, 0.4, 96.0);
         let frame = last_frame(&scene, &with(BEAM_PA, list));
         let (a, b) = (frame[frame.len() - 2], frame[frame.len() - 1]);
-        [-tip(&frame)[2], ((a[2] - b[2]) / (b[0] - a[0])).atan()]
+        [-tip(&scene, &frame)[2], ((a[2] - b[2]) / (b[0] - a[0])).atan()]
     }
 
     /// Moment of the free piece's weight at the grip, N m.
@@ -123,7 +123,7 @@ fn a_bending_ratio_changes_sag_but_not_stretch() {
     let shape = rope(0.2, 0.014);
     let grips = || start_grip(0.02, ClampPath::fixed([0.0; 3]));
     let scene = settled(shape, DOWN, grips(), 0.4, 80.0);
-    let stretch = |list: &[(&str, &[f64])]| -tip(&last_frame(&scene, &with(0.2e6, list)))[2] - 0.2;
+    let stretch = |list: &[(&str, &[f64])]| -tip(&scene, &last_frame(&scene, &with(0.2e6, list)))[2] - 0.2;
     let exact = 1000.0 * GRAVITY_M_S2 * 0.18f64.powi(2) / (2.0 * 0.2e6);
     close(stretch(&[]), exact, 0.05, "stretch under its own weight");
     close(
@@ -164,8 +164,14 @@ fn wind_leans_a_hanging_rope_as_far_as_its_force_says() {
     let force_n_m = 0.5 * 1.204 * 1.1 * shape.diameter_m * q;
     let angle = (force_n_m / (shape.mass_kg / shape.length_m * GRAVITY_M_S2)).atan();
     for (wind, tilt) in [([q, 0.0], [angle, 0.0]), ([0.0, -q], [0.0, -angle])] {
-        let leant = tip(&last_frame(&scene, &with(0.2e6, &[("steady_wind", &wind)])));
-        let tilted = tip(&last_frame(&scene, &with(0.2e6, &[("tilted_gravity", &tilt)])));
+        let leant = tip(
+            &scene,
+            &last_frame(&scene, &with(0.2e6, &[("steady_wind", &wind)])),
+        );
+        let tilted = tip(
+            &scene,
+            &last_frame(&scene, &with(0.2e6, &[("tilted_gravity", &tilt)])),
+        );
         let axis = if wind[0] != 0.0 { 0 } else { 1 };
         // The force is across the rope, so a lean of some degrees changes it by its square.
         close(leant[axis], tilted[axis], 0.01, "lean");
@@ -235,7 +241,7 @@ fn a_stretched_rope_keeps_what_exceeds_its_yield_strain() {
     let longer = |list: &[(&str, &[f64])]| {
         let mut physics = with(0.4e6, list);
         physics.gravity_m_s2 = [0.0; 3];
-        (tip(&last_frame(&scene, &physics))[0] - shape.length_m) / free_m
+        (tip(&scene, &last_frame(&scene, &physics))[0] - shape.length_m) / free_m
     };
     let elastic = longer(&[]);
     println!("an elastic rope keeps {elastic:.1e}");

@@ -14,7 +14,7 @@ fn options() -> FitOptions {
     FitOptions {
         starts_pa: vec![0.8e6],
         followed: 1,
-        max_evaluations: 20,
+        max_evaluations: 30,
     }
 }
 

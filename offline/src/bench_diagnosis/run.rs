@@ -9,7 +9,7 @@ use super::truth::{self, Truth};
 use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Verdict, close_loop};
 use crate::effects;
-use crate::fit::{Resolution, estimates};
+use crate::fit::Resolution;
 use crate::residual::ResidualSummary;
 use crate::run_files::write_whole;
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
@@ -260,7 +260,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
 }
 
 fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
-    let all = estimates(&outcome.fitted.best, &outcome.structure);
+    let all = outcome.estimates();
     let mut rest = all[2..].iter();
     let mut list = Vec::new();
     for &effect in &outcome.structure.effects {

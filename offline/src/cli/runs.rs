@@ -6,7 +6,7 @@ use anyhow::Context;
 use offline::collect::Watch;
 use offline::demo::Demo;
 use offline::diagnose::Advice;
-use offline::fit::{Problem, estimates};
+use offline::fit::Problem;
 use offline::inspect::inspect;
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
@@ -212,7 +212,7 @@ pub fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
 
 fn say_identified(identified: &Identified, reporter: &Reporter) {
     let outcome = &identified.outcome;
-    for e in estimates(&outcome.fitted.best, &outcome.structure) {
+    for e in outcome.estimates() {
         reporter.say(&format!("  {}", estimate_line(&e)));
     }
     reporter.say(&format!("verdict: {}", outcome.verdict));
@@ -292,7 +292,7 @@ fn summary_of(identified: &Identified, run: &RunFolder) -> Summary {
         folder: run.path().display().to_string(),
         verdict: outcome.verdict.to_string(),
         effects: identified.model.effects.iter().map(|e| e.id.clone()).collect(),
-        parameters: estimates(&outcome.fitted.best, &outcome.structure),
+        parameters: outcome.estimates(),
         held_out_before_mm: before.rms_mm,
         held_out_after_mm: after.rms_mm,
         floor_mm: after.floor_mm,

@@ -4,8 +4,8 @@ use super::gates::excess_removed;
 use super::rounds::Round;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
-use crate::fit::{Evaluation, FitResult, estimates};
-use crate::model::Structure;
+use crate::fit::{Evaluation, FitResult};
+use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 
 /// Residual over noise at which nothing is left to explain.
@@ -22,6 +22,8 @@ pub(super) struct Facts<'a> {
     pub base: &'a ResidualSummary,
     /// Final fit.
     pub fitted: &'a FitResult,
+    /// Parameters of the final model.
+    pub estimates: &'a [Estimate],
     /// Rounds in order.
     pub rounds: &'a [Round],
     /// Effects that fit as well as the last one found.
@@ -74,7 +76,7 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         reasons.push(ReasonCode::ProxySuspected);
         return (stand_in(structure, &fitted.best, removed), reasons);
     }
-    (explained(structure, fitted, facts.rivals), reasons)
+    (explained(structure, facts.estimates, facts.rivals), reasons)
 }
 
 /// Root mean square of what a fit leaves beyond the noise, mm.
@@ -100,7 +102,7 @@ fn stand_in(structure: &Structure, evaluation: &Evaluation, removed: f64) -> Ver
     }
 }
 
-fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Verdict {
+fn explained(structure: &Structure, estimates: &[Estimate], rivals: &[String]) -> Verdict {
     let mut effects_found = names(structure);
     if !rivals.is_empty() {
         // Earlier effects stand; only the last one has rivals.
@@ -114,10 +116,9 @@ fn explained(structure: &Structure, fitted: &FitResult, rivals: &[String]) -> Ve
                 .into(),
         };
     }
-    let all = estimates(&fitted.best, structure);
     Verdict::Explained {
         effects: effects_found,
-        parameters: all[2..].to_vec(),
+        parameters: estimates[2..].to_vec(),
     }
 }
 
@@ -149,7 +150,7 @@ mod tests {
     use super::super::rounds::Refit;
     use super::super::score::ScoreTable;
     use super::*;
-    use crate::fit::StopReason;
+    use crate::fit::{StopReason, estimates};
     use crate::observe::Row;
     use nalgebra::DMatrix;
 
@@ -209,6 +210,7 @@ mod tests {
             structure: &structure,
             base: &ResidualSummary::of(&fitted.best),
             fitted: &fitted,
+            estimates: &estimates(&fitted.best, &structure),
             rounds: &[fruitless_round(discretisation_mm)],
             rivals: &[],
             demos: [1, 1],

@@ -10,6 +10,7 @@ mod conclude;
 mod gates;
 mod next;
 mod noise;
+mod numerical;
 mod rounds;
 mod score;
 mod verdict;

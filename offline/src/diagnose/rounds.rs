@@ -3,15 +3,16 @@
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
 use super::gates::{Gate, refinement_gate, statistical_gates};
 use super::noise::Noise;
+use super::numerical::{along_rows, grid_errors, grid_shift};
 use super::score::{Score, ScoreProblem, ScoreTable};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, estimates, fit, fit_from,
+    Evaluation, FitError, FitOptions, FitResult, FrameShare, Problem, Resolution, estimates,
+    estimates_within, fit, fit_from,
 };
 use crate::model::{Estimate, Structure};
-use crate::observe::{bracket, interpolate};
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -132,6 +133,16 @@ pub struct Outcome {
     pub rivals: Vec<String>,
     /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
     pub library: Option<Library>,
+    /// How far the simulation's own error may have moved each entry of the final θ.
+    pub grid_shift: Vec<f64>,
+}
+
+impl Outcome {
+    /// Parameters of the final model. Their standard errors hold both what the noise and what the simulation's
+    /// own error may have moved.
+    pub fn estimates(&self) -> Vec<Estimate> {
+        estimates_within(&self.fitted.best, &self.structure, &self.grid_shift)
+    }
 }
 
 /// A model with the whole library appended at its vanishing values, where a round started.
@@ -148,7 +159,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 /// Most evaluations of a refit: it starts from a one-step estimate.
-pub(super) const REFIT_EVALUATIONS: usize = 10;
+pub(super) const REFIT_EVALUATIONS: usize = 24;
 
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
 /// the last part of the same.
@@ -253,10 +264,13 @@ pub fn close_loop(
         }
     }
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
+    progress("estimating what the grid itself may have moved");
+    let grid_shift = grid_shift([&bench.fit, &bench.finer], &structure, &fitted.best)?;
     let (verdict, reasons) = conclude(&Facts {
         structure: &structure,
         base: &ResidualSummary::of(&base.best),
         fitted: &fitted,
+        estimates: &estimates_within(&fitted.best, &structure, &grid_shift),
         rounds: &rounds,
         rivals: &rivals,
         demos: [demos.len(), held_out.len()],
@@ -274,6 +288,7 @@ pub fn close_loop(
         noise_scale: noise.map(|n| n.scale),
         rivals,
         library,
+        grid_shift,
     })
 }
 
@@ -431,17 +446,10 @@ fn score(
     }
     let (evaluation, difference) = rayon::join(
         || bench.fit.evaluate(&wide, &wide_theta),
-        || discretisation(bench, structure, theta),
+        || grid_errors([&bench.fit, &bench.finer], structure, theta),
     );
     let (evaluation, difference) = (evaluation?, difference?);
-    let mut errors = Vec::with_capacity(evaluation.len());
-    for (d, rows) in evaluation.rows.iter().enumerate() {
-        errors.extend(rows.iter().map(|row| {
-            let frame = &difference[d].frames[row.frame];
-            let error = interpolate(frame, bracket(&difference[d].arcs_m, row.arc_m));
-            (0..3).map(|k| row.direction[k] * error[k]).sum::<f64>()
-        }));
-    }
+    let errors = along_rows(&evaluation, &difference);
     let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
     let nuisances = options.without != Some(Part::Nuisances);
     let problem = ScoreProblem::new(&evaluation, &wide, structure, &bench.noise, nuisances);
@@ -453,43 +461,20 @@ fn score(
     Ok((table, library))
 }
 
-/// Estimated discretisation error of a prediction, m.
-struct GridError {
-    arcs_m: Vec<f64>,
-    frames: Vec<Vec<[f64; 3]>>,
-}
-
-/// Prediction on the finer grid minus prediction on the fit's, scaled up to the error that a method
-/// of first order has left: a grid refined r times shows only 1 − 1/r of it.
-fn discretisation(bench: &Bench, structure: &Structure, theta: &[f64]) -> Result<Vec<GridError>, FitError> {
-    let (coarse, fine) = rayon::join(
-        || bench.fit.predict(structure, theta),
-        || bench.finer.predict(structure, theta),
-    );
-    let (coarse, fine) = (coarse?, fine?);
-    let ratio = bench.finer.scenes[0].grid.spacing_m / bench.fit.scenes[0].grid.spacing_m;
-    let scale = 1.0 / (1.0 - ratio);
-    Ok(coarse
-        .iter()
-        .zip(&fine)
-        .map(|(c, f)| GridError {
-            arcs_m: c.arc_m.clone(),
-            frames: c
-                .frames
-                .iter()
-                .zip(&f.frames)
-                .map(|(cf, ff)| {
-                    cf.iter()
-                        .zip(&c.arc_m)
-                        .map(|(point, &s)| {
-                            let on_fine = interpolate(ff, bracket(&f.arc_m, s));
-                            std::array::from_fn(|k| scale * (on_fine[k] - f64::from(point[k])))
-                        })
-                        .collect()
-                })
-                .collect(),
+/// θ of a fit where the data told it, the prior's centre where they did not: what a model that lacks an effect
+/// makes of the rest, often a value at its bound, is a bad start for one that has it.
+fn told(fitted: &FitResult, structure: &Structure) -> Vec<f64> {
+    let all = estimates(&fitted.best, structure);
+    let start = all.iter().zip(&fitted.best.theta).zip(structure.parameters());
+    start
+        .map(|((estimate, &theta), info)| {
+            if estimate.identified {
+                theta
+            } else {
+                info.prior_mean
+            }
         })
-        .collect())
+        .collect()
 }
 
 fn refit(
@@ -502,7 +487,7 @@ fn refit(
 ) -> Result<(Refit, Structure, FitResult), FitError> {
     let next = structure.with(score.effect);
     let spec = &effects::ALL[score.effect];
-    let mut theta = fitted.best.theta.clone();
+    let mut theta = told(fitted, structure);
     for (p, e) in spec.parameters.iter().zip(&score.estimate) {
         // A one-step estimate can overshoot; half the physical range is a safe start.
         theta.push((p.vanishes_at + e).clamp(0.5 * (p.low + p.vanishes_at), 0.5 * (p.high + p.vanishes_at)));

@@ -8,4 +8,4 @@ mod uncertainty;
 
 pub use problem::{Evaluation, FitError, FrameShare, Problem, Resolution};
 pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from, fit_starts};
-pub use uncertainty::{Correlation, covariance, estimates};
+pub use uncertainty::{Correlation, covariance, estimates, estimates_within, shift_by};

@@ -220,19 +220,25 @@ fn nominal_rows(evaluation: &Evaluation) -> f64 {
         .sum()
 }
 
+/// Residual and Jacobian over the standard errors, both times the roots of Huber's weights, and these roots.
+pub(super) fn weighted(evaluation: &Evaluation) -> (DVector<f64>, DMatrix<f64>, DVector<f64>) {
+    let mut r = evaluation.whitened();
+    let mut j = evaluation.whitened_jacobian();
+    let roots = r.map(|offset| (DEFAULT_HUBER / offset.abs()).min(1.0).sqrt());
+    for (i, &root) in roots.iter().enumerate() {
+        r[i] *= root;
+        j.row_mut(i).scale_mut(root);
+    }
+    (r, j, roots)
+}
+
 /// Hessian and gradient of the cost. The residual is measured minus predicted, so its derivative is
 /// minus the Jacobian of the prediction.
 pub(super) fn normal_equations(
     evaluation: &Evaluation,
     info: &[ParameterInfo],
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let mut r = evaluation.whitened();
-    let mut j = evaluation.whitened_jacobian();
-    for i in 0..r.len() {
-        let weight = (DEFAULT_HUBER / r[i].abs()).min(1.0).sqrt();
-        r[i] *= weight;
-        j.row_mut(i).scale_mut(weight);
-    }
+    let (r, j, _) = weighted(evaluation);
     let mut hessian = j.tr_mul(&j);
     let mut gradient = -j.tr_mul(&r);
     for (k, p) in info.iter().enumerate() {

@@ -1,9 +1,9 @@
 //! Standard errors of a fit, with the correlation of the residual taken into account.
 
 use super::problem::Evaluation;
-use super::solver::normal_equations;
+use super::solver::{normal_equations, weighted};
 use crate::model::{Estimate, Structure};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// How alike neighbouring residuals are, and what that does to their information.
@@ -87,6 +87,19 @@ pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64
     }
 }
 
+/// How far errors of the prediction along each row, m, move the optimum, to first order.
+pub fn shift_by(evaluation: &Evaluation, structure: &Structure, errors_m: &[f64]) -> Vec<f64> {
+    let (hessian, _) = normal_equations(evaluation, &structure.parameters());
+    let (_, jacobian, weights) = weighted(evaluation);
+    let errors = evaluation.all_rows().zip(errors_m).zip(weights.iter());
+    let errors = errors.map(|((row, error), weight)| weight * error / row.sigma_m);
+    let pull = jacobian.tr_mul(&DVector::from_iterator(errors_m.len(), errors));
+    match hessian.cholesky() {
+        Some(factored) => factored.solve(&pull).iter().copied().collect(),
+        None => vec![f64::INFINITY; evaluation.theta.len()],
+    }
+}
+
 /// Share of the prior's standard deviation above which a parameter counts as not identified.
 const IDENTIFIED_SHARE: f64 = 0.5;
 
@@ -99,6 +112,11 @@ fn moves_m(evaluation: &Evaluation, k: usize, change: f64) -> f64 {
 /// its prior, it is not at a bound, and a change of half its prior moves the rope by more than the
 /// model leaves unexplained: else that rest could pass for a value of it.
 pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate> {
+    estimates_within(evaluation, structure, &vec![0.0; evaluation.theta.len()])
+}
+
+/// The same where each entry of θ may be off by `shift` besides, as one standard error.
+pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &[f64]) -> Vec<Estimate> {
     let covariance = covariance(evaluation, structure);
     let unexplained_m = (evaluation.rms_m().powi(2) - evaluation.floor_m().powi(2))
         .max(0.0)
@@ -108,7 +126,7 @@ pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate
         .into_iter()
         .enumerate()
         .map(|(k, info)| {
-            let se = covariance[(k, k)].sqrt();
+            let se = covariance[(k, k)].sqrt().hypot(shift[k]);
             let theta = evaluation.theta[k];
             let at_bound = theta <= info.low || theta >= info.high;
             let (value, standard_error) = if k == 0 {

@@ -34,6 +34,8 @@ struct FitFile {
     base_theta: Vec<f64>,
     base: Vec<Estimate>,
     final_theta: Vec<f64>,
+    /// How far the grid's own error may have moved each entry of it.
+    grid_shift: Vec<f64>,
     parameters: Vec<Estimate>,
     effects: Vec<String>,
     starts_ended_at: Vec<StartEnd>,
@@ -166,6 +168,7 @@ fn restore(
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
         rivals: diagnosis.rivals,
+        grid_shift: fit.grid_shift,
         library: None,
     };
     Ok((outcome, advice))
@@ -177,7 +180,8 @@ fn save(run: &RunFolder, key: u64, outcome: &Outcome, advice: &Advice) -> anyhow
         base_theta: outcome.base.best.theta.clone(),
         base: estimates(&outcome.base.best, &Structure::default()),
         final_theta: outcome.fitted.best.theta.clone(),
-        parameters: estimates(&outcome.fitted.best, &outcome.structure),
+        parameters: outcome.estimates(),
+        grid_shift: outcome.grid_shift.clone(),
         effects: outcome
             .structure
             .effects
@@ -235,7 +239,7 @@ fn save_residual(run: &RunFolder, demos: &[&Demo], outcome: &Outcome) -> anyhow:
 
 fn model(inputs: &Inputs, settings: &RunSettings, outcome: &Outcome) -> ModelFile {
     let rope = &inputs.demos[0].spec.rope;
-    let all = estimates(&outcome.fitted.best, &outcome.structure);
+    let all = outcome.estimates();
     ModelFile {
         format: FORMAT.into(),
         name: inputs.name.clone(),

@@ -14,7 +14,7 @@ use std::f64::consts::FRAC_PI_4;
 pub(super) fn section(input: &ReportInput) -> Markup {
     let outcome = input.outcome;
     let base = estimates(&outcome.base.best, &Structure::default());
-    let found = estimates(&outcome.fitted.best, &outcome.structure);
+    let found = outcome.estimates();
     let before = ResidualSummary::of(&outcome.held_out_before);
     let after = ResidualSummary::of(&outcome.held_out_after);
     let density = input.demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
@@ -130,8 +130,8 @@ pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: O
             }
         }
         p.quiet {
-            "± is one standard error, with the correlation of the residual taken into account; errors of the "
-            "model or of the grid are not in it. A parameter is not identified where the data say little "
+            "± is one standard error: noise with its correlation and, in the final model, how far a finer grid "
+            "would move the value; errors of the model itself are not in it. A parameter is not identified where the data say little "
             "beyond its prior; the value in brackets is then mostly the prior’s."
         }
     }

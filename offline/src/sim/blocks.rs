@@ -4,12 +4,11 @@
 //! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
 //! kind of register ([`Stepped`]), not once per number type.
 
-use super::clamp::STIFFNESS;
+use super::contact::{Footing, Push, push};
 use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::real::Real;
-use super::step::CONTACT_NEAR_CELLS;
 use super::tensor::{Mat3, Vec3, matadd, zero3};
 use super::transfer::Transfer;
 
@@ -85,7 +84,7 @@ pub struct Blocks<L: Lanes> {
     pub impulse: Rows<L::Scalar>,
     /// Velocity, m/s.
     pub velocity: Rows<L::Scalar>,
-    /// Stiffness of the table as a mass, kg, and that times the velocity it asks for.
+    /// Push of the table, N s.
     pub contact: Rows<L::Scalar>,
     /// Stiffness of the clamps as a mass, kg, and that times the velocity they ask for.
     pub clamps: Rows<L::Scalar>,
@@ -97,6 +96,8 @@ pub struct Blocks<L: Lanes> {
     pub spacing_m: f64,
     /// Height of a slice that lies on the table, m.
     pub lowest_m: Option<f64>,
+    /// What stands under the slices of each block.
+    pub footings: Vec<Footing<L>>,
     /// Space for the nodes of each slice of a block.
     pub nodes: Vec<L>,
     /// Space for the members of a block.
@@ -254,60 +255,50 @@ impl<L: Lanes> Blocks<L> {
         Ok(())
     }
 
-    /// The table's springs under every slice near the table, as [`super::step`] has them.
+    /// The table's push on every slice of a block that touches it.
     #[inline(always)]
     fn press(&mut self, block: usize) {
-        let Some((gap, near)) = self.near_table(block) else {
+        let Some(push) = self.push_of_table(block) else {
             return;
         };
-        let pull = L::of(-1.0 / self.dt_s);
-        let (width, first) = (self.transfer.width, self.first(block, 0));
         for channel in 0..self.channels {
-            let own = self.first(block, channel);
-            let asked = gap * pull;
-            let asked_of = if channel == 0 {
-                asked
+            let impulse = if channel == 0 {
+                push.impulse
             } else {
-                self.mean_height(block, channel) * pull
+                let gap = self.mean(block, channel, |body| body.position_m[2]);
+                let rise = self.mean(block, channel, |body| body.velocity_m_s[2]);
+                gap.times_plus(push.by_gap, rise * push.by_rise)
             };
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {
-                let stiffness = self.bodies[first + member].mass_kg * near;
-                let change = self.bodies[own + member].mass_kg * near;
-                let mut product = stiffness * asked_of;
-                if channel > 0 {
-                    product = change.times_plus(asked, product);
-                }
-                let (rows, push) = self.nodes.split_at_mut(width);
-                self.transfer.scatter_value(member, change, rows);
-                self.transfer.scatter_value(member, product, push);
+                self.transfer.scatter_value(member, impulse, &mut self.nodes);
             }
             let contact = self.contact.channel_mut(channel);
             self.transfer
                 .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
         }
-        self.mark(block, near);
+        self.mark(block, push.impulse);
     }
 
-    /// Gaps of a block's slices to the table, m, and κ in the lanes whose slice is near it, zero in the
-    /// others; none if all are far.
+    /// What the table gives the particles of a block's slices; none if it touches none of them.
     #[inline(always)]
-    pub fn near_table(&self, block: usize) -> Option<(L, L)> {
-        let gap = self.mean_height(block, 0) - L::of(self.lowest_m?);
-        let far = gap.exceeds(L::of(CONTACT_NEAR_CELLS * self.spacing_m));
-        (!L::everywhere(far)).then(|| (gap, L::select(far, L::zero(), L::of(STIFFNESS))))
+    pub fn push_of_table(&self, block: usize) -> Option<Push<L>> {
+        let gap = self.mean(block, 0, |body| body.position_m[2]) - L::of(self.lowest_m?);
+        let rise = self.mean(block, 0, |body| body.velocity_m_s[2]);
+        let far = rise.times_plus(L::of(self.dt_s), gap).exceeds(L::zero());
+        (!L::everywhere(far)).then(|| push(gap, rise, &self.footings[block], self.dt_s))
     }
 
-    /// One channel of the mean height of each slice of a block, m.
+    /// One channel of the mean of something over each slice of a block.
     #[inline(always)]
-    fn mean_height(&self, block: usize, channel: usize) -> L {
+    fn mean(&self, block: usize, channel: usize, of: impl Fn(&Body<L>) -> L) -> L {
         let members = self.transfer.members.len();
         let first = self.first(block, channel);
-        let mut height = L::zero();
+        let mut sum = L::zero();
         for body in &self.bodies[first..first + members] {
-            height += body.position_m[2];
+            sum += of(body);
         }
-        height.scale(1.0 / members as f64)
+        sum.scale(1.0 / members as f64)
     }
 
     /// A grip's springs on its share of a block.

@@ -58,8 +58,8 @@ pub struct Grid<T: Real> {
     /// Stiffness of the clamps per node as an equivalent mass, and that mass times the velocity
     /// which the clamps ask for.
     pub clamps: Vec<[T; 4]>,
-    /// The same for the table's push upward: stiffness, and stiffness times asked velocity.
-    pub contact: Vec<[T; 2]>,
+    /// The table's push upward per node in the step at hand, N s.
+    pub contact: Vec<T>,
     /// Whether any clamp or contact has left something since the last clear.
     pub constrained: bool,
 }
@@ -114,7 +114,7 @@ impl<T: Real> Grid<T> {
             velocities_m_s: vec![T::pack([zero; 3]); count],
             impulses: vec![T::pack([zero; 3]); count],
             clamps: vec![[zero; 4]; count],
-            contact: vec![[zero; 2]; count],
+            contact: vec![zero; count],
             constrained: false,
         }
     }
@@ -126,7 +126,7 @@ impl<T: Real> Grid<T> {
         self.impulses.fill(T::pack([zero; 3]));
         if self.constrained {
             self.clamps.fill([zero; 4]);
-            self.contact.fill([zero; 2]);
+            self.contact.fill(zero);
             self.constrained = false;
         }
     }

@@ -73,6 +73,7 @@ pub mod adjoint;
 pub mod band;
 mod blocks;
 pub mod clamp;
+mod contact;
 pub mod curve;
 pub mod dual;
 pub mod elastic;

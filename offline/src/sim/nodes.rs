@@ -1,14 +1,15 @@
 //! The nodes of a rope as planes across it, one channel after the other, and their update.
 
 use super::blocks::Blocks;
+use super::contact::rub;
 use super::lanes::{Channels, Instructions, Laned, Lanes};
 use super::real::Arithmetic;
-use super::step::{clamp_node, table_contact};
+use super::step::clamp_node;
 use super::tensor::{Vec3, add, mul, scaled};
 use super::transfer::Transfer;
 
 /// Stiffness of the table and what it asks for, per node.
-pub const CONTACT_ROWS: usize = 2;
+pub const CONTACT_ROWS: usize = 1;
 /// Stiffness of the clamps and what they ask for, per node.
 pub const CLAMP_ROWS: usize = 4;
 
@@ -184,13 +185,10 @@ pub fn update<T: Laned, I: Instructions>(
             let mut velocity = add(add(kept, mul(impulse, inverse)), fall);
             if constrained {
                 let mass = masses.mass.read::<T, I>(plane, 0, node);
-                let contact = [
-                    blocks.contact.read::<T, I>(plane, 0, node),
-                    blocks.contact.read::<T, I>(plane, 1, node),
-                ];
+                let push = blocks.contact.read::<T, I>(plane, 0, node) * inverse;
                 let [x, y, z] = blocks.clamps.read_vector::<T, I>(plane, 1, node);
                 let clamp = [blocks.clamps.read::<T, I>(plane, 0, node), x, y, z];
-                velocity = table_contact(velocity, mass, &contact, friction);
+                velocity = rub(velocity, push, friction);
                 velocity = clamp_node(velocity, mass, &clamp);
             }
             for a in 0..3 {

@@ -529,7 +529,7 @@ impl<'a, T: Real> Recorder<'a, T> {
                 .push(engine.grip_forces_n(&self.motions, setup.context.clamp_per_kg()));
         }
         if now_s >= self.scene.score_from_s {
-            let tip = tip_x(engine);
+            let tip = tip_x(engine, setup.layout.end_weights());
             if self.reach_m.is_none_or(|best| tip.value() > best.value()) {
                 self.reach_m = Some(tip);
                 self.reach_state = state;
@@ -551,12 +551,11 @@ impl<'a, T: Real> Recorder<'a, T> {
     }
 }
 
-/// x of the end point of the axis, half a slice beyond the last slice.
+/// x of the end point of the axis, from the last slice and the one before.
 #[inline(always)]
-fn tip_x<T: Real>(engine: &impl Engine<T>) -> T {
+fn tip_x<T: Real>(engine: &impl Engine<T>, weights: [f64; 2]) -> T {
     let n = engine.slices();
-    let (last, before) = (engine.slice_x(n - 1), engine.slice_x(n - 2));
-    last + (last - before).scale(0.5)
+    engine.slice_x(n - 1).scale(weights[0]) + engine.slice_x(n - 2).scale(weights[1])
 }
 
 /// Two unit vectors (side, up) that complete `axis` to a right-handed frame. Up is z for a level rope; a

@@ -54,6 +54,10 @@ impl Default for Sampling {
     }
 }
 
+/// Length of the slices at the rope's ends, as a share of a usual slice: they touch the table, carry a mass at
+/// the end and are seen there, all of it in their middle, which is to lie at the end.
+const END_SHARE: f64 = 0.1;
+
 /// One slice of the rope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slice {
@@ -84,13 +88,23 @@ impl RopeLayout {
         ends.sort_by(f64::total_cmp);
         let mut slices = Vec::new();
         for piece in ends.windows(2) {
-            let length = piece[1] - piece[0];
-            let count = (length / (sampling.slice_cells * spacing_m)).ceil().max(2.0) as usize;
-            let length_m = length / count as f64;
-            slices.extend((0..count).map(|k| Slice {
-                arc_m: piece[0] + (k as f64 + 0.5) * length_m,
-                length_m,
-            }));
+            let longest_m = sampling.slice_cells * spacing_m;
+            let at_end = |s_m: f64| s_m <= 0.0 || s_m >= shape.length_m;
+            let [first, last] =
+                [piece[0], piece[1]].map(|s_m| if at_end(s_m) { END_SHARE * longest_m } else { 0.0 });
+            let length = piece[1] - piece[0] - first - last;
+            let count = (length / longest_m).ceil().max(2.0) as usize;
+            let mut lengths_m = vec![first];
+            lengths_m.extend(std::iter::repeat_n(length / count as f64, count));
+            lengths_m.push(last);
+            let mut from_m = piece[0];
+            for length_m in lengths_m.into_iter().filter(|&l| l > 0.0) {
+                slices.push(Slice {
+                    arc_m: from_m + 0.5 * length_m,
+                    length_m,
+                });
+                from_m += length_m;
+            }
         }
         Self {
             shape,
@@ -102,6 +116,15 @@ impl RopeLayout {
     /// Number of particles.
     pub fn particles(&self) -> usize {
         self.slices.len() * self.section_m.len()
+    }
+
+    /// Weights that the middles of the last slice and of the one before have in the end point of the axis.
+    pub fn end_weights(&self) -> [f64; 2] {
+        let [.., before, last] = &self.slices[..] else {
+            return [1.0, 0.0];
+        };
+        let beyond = (self.shape.length_m - last.arc_m) / (last.arc_m - before.arc_m);
+        [1.0 + beyond, -beyond]
     }
 
     /// The slice to which a particle belongs.

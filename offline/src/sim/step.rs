@@ -1,6 +1,7 @@
 //! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
-use super::clamp::{RigidMotion, STIFFNESS};
+use super::clamp::RigidMotion;
+use super::contact::{Contact, Footing, push, rub};
 use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
@@ -55,8 +56,8 @@ pub struct StepContext<'a, T> {
     pub forgotten: f64,
     /// Stiffness of a clamp's spring as a multiple of its particle's mass over the square of the time step.
     pub clamp_stiffness: f64,
-    /// Height of the table, m.
-    pub table_m: Option<f64>,
+    /// The table.
+    pub table: Option<Contact>,
     /// Particles per slice.
     pub section: usize,
 }
@@ -78,7 +79,7 @@ impl<'a, T: Real> StepContext<'a, T> {
             forgotten: -libm::expm1(-dt_s / FORGET_S),
             diameter_m: scene.rope.diameter_m,
             clamp_stiffness: scene.clamp_stiffness(),
-            table_m: scene.table.map(|table| table.height_m),
+            table: Contact::of(scene, section),
             section,
         }
     }
@@ -128,8 +129,8 @@ pub fn particles_to_grid<T: Real>(
             scatter_clamp(index, stiffness, velocity, grid);
         }
     }
-    if let Some(table_m) = context.table_m {
-        scatter_contact(particles, table_m, context, grid);
+    if let Some(table) = &context.table {
+        scatter_contact(particles, table, context, grid);
     }
     Ok(())
 }
@@ -273,51 +274,36 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
     }
 }
 
-/// Slices nearer to the table than this share of a cell take part in contact; the constraint itself
-/// is exact, this only skips slices that cannot touch within the step.
-pub const CONTACT_NEAR_CELLS: f64 = 0.1;
-
-/// Adds the table's springs for every slice near the table: a slice's centre may not come nearer than
-/// the rope's radius, and may not move down by more than its gap within the step. This is the contact
-/// of a row of spheres; a lying rope touches as it should, and its end counts as round.
-pub(super) fn scatter_contact<T: Real>(
+/// Adds the table's push on every slice that touches it.
+fn scatter_contact<T: Real>(
     particles: &[Particle<T>],
-    table_m: f64,
+    table: &Contact,
     context: &StepContext<T>,
     grid: &mut Grid<T>,
 ) {
     for (slice, members) in particles.chunks(context.section).enumerate() {
-        let Some(asked) = asked_of_slice(members, table_m, context, grid.spacing_m) else {
-            continue;
+        let mean = |of: fn(&Particle<T>) -> T| -> T {
+            let sum = members.iter().fold(T::zero(), |sum, p| sum + of(p));
+            sum.scale(1.0 / members.len() as f64)
         };
+        let gap = mean(|p| p.position_m[2]) - T::of(table.lowest_m);
+        let Footing { mass_kg, ratio } = table.footing(members[0].length_m, members[0].volume_m3);
+        let footing = Footing {
+            mass_kg: T::of(mass_kg),
+            ratio: T::of(ratio),
+        };
+        let impulse = push(gap, mean(|p| p.velocity_m_s[2]), &footing, context.dt_s).impulse;
+        if impulse.value() <= 0.0 {
+            continue;
+        }
         grid.constrained = true;
-        for (member, p) in members.iter().enumerate() {
+        for member in 0..members.len() {
             let link = &grid.links[slice * context.section + member];
-            let stiffness = p.mass_kg.scale(STIFFNESS);
             for entry in 0..STENCIL {
-                let weight = stiffness.times(link.weights[entry]);
-                let node = &mut grid.contact[link.slots[entry] as usize];
-                node[0] += weight;
-                node[1] += weight * asked;
+                grid.contact[link.slots[entry] as usize] += impulse.times(link.weights[entry]);
             }
         }
     }
-}
-
-/// Upward velocity that brings a slice onto the table within the step; none where it is not near.
-pub(super) fn asked_of_slice<T: Real>(
-    members: &[Particle<T>],
-    table_m: f64,
-    context: &StepContext<T>,
-    spacing_m: f64,
-) -> Option<T> {
-    let lowest = T::of(table_m + 0.5 * context.diameter_m);
-    let mut height = T::zero();
-    for p in members {
-        height += p.position_m[2];
-    }
-    let gap = height.scale(1.0 / members.len() as f64) - lowest;
-    (gap.value() <= CONTACT_NEAR_CELLS * spacing_m).then(|| -gap.scale(1.0 / context.dt_s))
 }
 
 /// Turns impulses into a change of the velocities: settling, weight, table, clamps.
@@ -330,36 +316,12 @@ pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay
         let kept = scaled(T::unpack(grid.velocities_m_s[index]), kept);
         let mut velocity = add(add(kept, change), fall);
         if grid.constrained {
-            let mass = grid.mass_kg[index];
-            velocity = table_contact(velocity, mass, &grid.contact[index], context.physics.friction);
-            velocity = clamp_node(velocity, mass, &grid.clamps[index]);
+            let push = grid.contact[index] * grid.inverse_mass[index];
+            velocity = rub(velocity, push, context.physics.friction);
+            velocity = clamp_node(velocity, grid.mass_kg[index], &grid.clamps[index]);
         }
         grid.velocities_m_s[index] = T::pack(velocity);
     }
-}
-
-/// Unilateral contact with Coulomb friction. The table's implicit springs ask for an upward velocity
-/// (m v + K v_asked)/(m + K); they only push. Friction takes from the tangential velocity at most μ
-/// times what the push added. In stick the tangential velocity is zero, and so is its derivative
-/// with respect to μ.
-#[inline(always)]
-pub fn table_contact<T: Arithmetic>(velocity: Vec3<T>, mass: T, contact: &[T; 2], friction: T) -> Vec3<T> {
-    let ([stiffness, asked], [vx, vy, vz]) = (*contact, velocity);
-    let (zero, one) = (T::zero(), T::one());
-    let held = (vz * mass + asked) / (mass + stiffness);
-    let near = stiffness.exceeds(zero);
-    let push = T::select(near, held - vz, zero);
-    let square = vx * vx + vy * vy;
-    let moves = square.exceeds(T::of(f64::from(f32::MIN_POSITIVE)));
-    let speed = T::select(moves, square, one).sqrt();
-    let kept = T::select(moves, one - friction * push / speed, zero);
-    let kept = T::select(kept.exceeds(zero), kept, zero);
-    let touches = push.exceeds(zero);
-    [
-        T::select(touches, vx * kept, vx),
-        T::select(touches, vy * kept, vy),
-        T::select(touches, held, vz),
-    ]
 }
 
 /// Implicit springs: (m v + K v_clamp) / (m + K).

@@ -8,6 +8,7 @@
 
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
+use super::contact::Footing;
 use super::elastic::{Lame, fused_dot};
 use super::engine::Engine;
 use super::error::Cause;
@@ -86,6 +87,23 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     }
 }
 
+/// What the table has under the slices of a block, of which `of_lane` gives a particle each.
+fn footing<'a, T: Laned, I: Instructions>(
+    context: &StepContext<T>,
+    of_lane: impl Fn(usize) -> Option<&'a Particle<T>>,
+) -> Footing<T::Plain<I>> {
+    let of = |value: fn(Footing<f64>) -> f64| {
+        T::Plain::<I>::from_lanes(|lane| {
+            let footing = of_lane(lane).zip(context.table.as_ref());
+            T::base(footing.map_or(0.0, |(p, table)| value(table.footing(p.length_m, p.volume_m3))))
+        })
+    };
+    Footing {
+        mass_kg: of(|footing| footing.mass_kg),
+        ratio: of(|footing| footing.ratio),
+    }
+}
+
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn new(
         context: &StepContext<T>,
@@ -146,9 +164,10 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 constrained: vec![false; transfer.planes],
                 dt_s: context.dt_s,
                 spacing_m: dx,
-                lowest_m: context
-                    .table_m
-                    .map(|height_m| height_m + 0.5 * context.diameter_m),
+                lowest_m: context.table.map(|table| table.lowest_m),
+                footings: (0..transfer.blocks())
+                    .map(|block| footing::<T, I>(context, |lane| of_lane(block, 0, lane)))
+                    .collect(),
                 nodes: vec![zero; 6 * transfer.width],
                 differentials: Vec::with_capacity(members),
                 transfer,

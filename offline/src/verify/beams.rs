@@ -64,7 +64,7 @@ fn lifted() -> Result<Vec<Case>, SimError> {
             until_s: end_s,
             rate_per_s: 18.0,
         });
-        Ok(tip(&simulate(&scene, &elastic(0.9e6))?.frames[0])[2] - lift_m)
+        Ok(tip(&scene, &simulate(&scene, &elastic(0.9e6))?.frames[0])[2] - lift_m)
     };
     let pair = [tip_below(0.0)?, tip_below(0.3)?];
     Ok(vec![FAMILY.absolute(
@@ -97,7 +97,7 @@ fn rest_tip_m(
         until_s: end_s,
         rate_per_s: 2.0 * slowest_rad_s,
     });
-    let end = tip(&simulate(&scene, &elastic(young_pa))?.frames[0]);
+    let end = tip(&scene, &simulate(&scene, &elastic(young_pa))?.frames[0]);
     Ok(std::array::from_fn(|k| end[k] - grip_m * direction[k]))
 }
 

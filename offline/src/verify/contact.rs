@@ -2,7 +2,8 @@
 
 use super::case::{Case, Of};
 use super::setup::{
-    DIAMETER_M, G_M_S2, POISSON, SOFT_PA, elastic, free_scene, knot, start_grip, with_effect,
+    DIAMETER_M, G_M_S2, POISSON, SOFT_PA, elastic, free_scene, knot, rope, scene, start_grip, tip,
+    with_effect,
 };
 use super::{Extent, Findings, Stepper};
 use crate::sim::clamp::ClampPath;
@@ -15,6 +16,9 @@ const FAMILY: Of = Of("contact");
 const SLIDE: f64 = 0.01;
 /// A rope that was dragged by its end is stretched and still moves in itself when let go.
 const LET_GO: f64 = 0.05;
+/// Diameters by which the rope's end reaches beyond the middle of its last slice, which is what touches: half
+/// a tenth of a usual slice of 0.6 cells.
+const END_BELOW: f64 = 0.02;
 /// A millionth of a metre in 0.4 s on the slope.
 const CREEP_M: f64 = 1e-6;
 /// Linear drag is compared with the discrete scheme: rounding of some thousand steps.
@@ -28,6 +32,7 @@ pub(super) fn verify(_extent: Extent) -> Findings {
         cases.extend(FAMILY.each(name, sliding(name, direction)));
     }
     cases.extend(FAMILY.each("let go", let_go()));
+    cases.extend(FAMILY.each("lift off", lift_off()));
     cases.extend(FAMILY.each("slope", slope()));
     cases.extend(FAMILY.each("drag", drag()));
     cases.into()
@@ -55,6 +60,31 @@ fn sliding(name: &str, direction: [f64; 3]) -> Result<Vec<Case>, SimError> {
             CREEP_M,
         ),
     ])
+}
+
+/// While a rope is lifted by its start, its end, the last to leave the table, stays on it however much it
+/// tilts: the round end's centre is never nearer to the table than the radius.
+fn lift_off() -> Result<Vec<Case>, SimError> {
+    let end_s = 1.5;
+    let path = ClampPath::new(vec![
+        knot(0.0, [0.0; 3], [0.0; 3], true),
+        knot(end_s, [0.0, 0.0, 0.3], [0.0; 3], true),
+    ]);
+    let grips = start_grip(0.02, path);
+    let table_m = Some(-0.5 * DIAMETER_M);
+    let shape = rope(0.25, DIAMETER_M);
+    let mut scene = scene(shape, [1.0, 0.0, 0.0], grips, table_m, 1.5, end_s)?;
+    scene.frame_times_s = (0..=75).map(|k| 0.02 * f64::from(k)).collect();
+    let rollout = simulate(&scene, &elastic(SOFT_PA))?;
+    let heights = rollout.frames.iter().map(|frame| tip(&scene, frame)[2]);
+    let lowest_m = heights.fold(f64::INFINITY, f64::min);
+    let tolerance_m = END_BELOW * DIAMETER_M;
+    Ok(vec![FAMILY.absolute(
+        "end of a rope that is lifted off, deepest",
+        "m",
+        [0.0, lowest_m],
+        tolerance_m,
+    )])
 }
 
 /// The gripper drags the rope over the table, its end 30 mm in hand, and opens while moving.

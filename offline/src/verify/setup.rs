@@ -83,9 +83,10 @@ pub fn free_scene(direction: [f64; 3], table_m: Option<f64>) -> Scene {
     scene(rope(0.12, DIAMETER_M), direction, vec![], table_m, 1.5, 0.3).expect("the scene is possible")
 }
 
-/// The end point of the axis, half a slice beyond the last.
-pub fn tip<T: Real>(frame: &[[T; 3]]) -> [f64; 3] {
+/// The end point of the axis in a frame of the scene.
+pub fn tip<T: Real>(scene: &Scene, frame: &[[T; 3]]) -> [f64; 3] {
     let n = frame.len();
-    let (a, b) = (value3(frame[n - 1]), value3(frame[n - 2]));
-    std::array::from_fn(|k| a[k] + 0.5 * (a[k] - b[k]))
+    let (last, before) = (value3(frame[n - 1]), value3(frame[n - 2]));
+    let weights = scene.layout().end_weights();
+    std::array::from_fn(|k| weights[0] * last[k] + weights[1] * before[k])
 }

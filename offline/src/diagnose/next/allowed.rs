@@ -1,12 +1,12 @@
 //! What the data still allow of every parameter, without another pass over the library.
 
 use super::super::noise::Noise;
-use super::super::rounds::Library;
+use super::super::rounds::{Library, Outcome};
 use super::super::score::ScoreProblem;
 use super::models::Model;
 use super::swing_risk::Allowed;
 use crate::effects;
-use crate::fit::{Evaluation, estimates};
+use crate::fit::Evaluation;
 use crate::model::Structure;
 use nalgebra::DMatrix;
 use std::collections::HashMap;
@@ -92,17 +92,15 @@ pub(super) fn transplanted(
 }
 
 /// What the data allow of the model's own parameters.
-pub(super) fn in_model(evaluation: &Evaluation, structure: &Structure) -> Vec<Allowed> {
+pub(super) fn in_model(outcome: &Outcome) -> Vec<Allowed> {
+    let structure = &outcome.structure;
     let info = structure.parameters();
     let owners = structure.effects.iter().flat_map(|&e| {
         let count = effects::ALL[e].parameters.len();
         (0..count).map(move |index| (Some(e), index))
     });
     let owners = [(None, 0), (None, 1)].into_iter().chain(owners);
-    let all = estimates(evaluation, structure)
-        .into_iter()
-        .zip(&info)
-        .zip(owners);
+    let all = outcome.estimates().into_iter().zip(&info).zip(owners);
     all.map(|((estimate, info), (effect, index))| {
         let of_theta = |value: f64| {
             if effect.is_none() && index == 0 {

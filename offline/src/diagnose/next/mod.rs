@@ -223,7 +223,7 @@ impl<'a> Desk<'a> {
             Some(library) => transplanted(library, &outcome.fitted.best, &fitted.structure, &wide),
             None => self.problem.evaluate(&wide.structure, &wide.theta)?,
         };
-        let mut allowed = in_model(&outcome.fitted.best, &fitted.structure);
+        let mut allowed = in_model(outcome);
         allowed.extend(not_in_model(
             &evaluation,
             &wide.structure,
@@ -376,7 +376,8 @@ impl<'a> Desk<'a> {
         };
         if open_mm < SMALL_MM {
             return NextDemonstration::nothing(format!(
-                "none of these effects is known so badly that it matters for the swing by more than {SMALL_MM} mm"
+                "no effect's interval is worth more than ± {SMALL_MM} mm of the reach; where more is possible, the \
+                 estimate itself lies off nothing, which more data of the same kind would not change"
             ));
         }
         let allowed = &risk.allowed;

@@ -191,7 +191,7 @@ fn run<F: Precision, M: Family, I: Instructions>(
     }
     let rollout = recorder.finish(&setup);
     let cotangent = loss(&rollout);
-    let seeds = Seeds::new(cotangent, &recorder, &rollout);
+    let seeds = Seeds::new(cotangent, &recorder, &rollout, &setup.layout);
     let gradient = reverse::gradient(&setup, engine, record, seeds, family, theta)?;
     Ok(Differentiated {
         rollout,

@@ -11,8 +11,8 @@ pub(super) struct NodeForces<'a, F> {
     pub(super) mass: F,
     /// Stiffness of the clamps as a mass, and that times the velocity they ask for.
     pub(super) clamp: &'a [F; 4],
-    /// The same for the table's push upward.
-    pub(super) contact: &'a [F; 2],
+    /// The table's push upward, N s.
+    pub(super) contact: F,
     pub(super) friction: F,
 }
 
@@ -23,7 +23,7 @@ pub(super) struct NodeCotangent<F> {
     pub(super) before: Vec3<F>,
     pub(super) mass: F,
     pub(super) clamp: [F; 4],
-    pub(super) contact: [F; 2],
+    pub(super) contact: F,
     pub(super) friction: F,
 }
 
@@ -37,13 +37,13 @@ impl<F: Precision> NodeForces<'_, F> {
             before: after,
             mass: zero,
             clamp: [zero; 4],
-            contact: [zero; 2],
+            contact: zero,
             friction: zero,
         };
         if self.clamp[0] > zero {
             self.pull_back_clamp(&mut out);
         }
-        if self.contact[0] > zero && out.before[2] * self.contact[0] < self.contact[1] {
+        if self.contact > zero {
             self.pull_back_table(&mut out);
         }
         out
@@ -72,15 +72,11 @@ impl<F: Precision> NodeForces<'_, F> {
         }
     }
 
-    /// `held` = (m v_z + K v_asked)/(m + K), and friction by its push.
+    /// v_z + n/M, and friction by this push.
     fn pull_back_table(&self, out: &mut NodeCotangent<F>) {
-        let [stiffness, asked] = *self.contact;
         let [x, y, held] = out.before;
-        let [bar_x, bar_y, mut bar_held] = out.velocity;
-        let total = self.mass + stiffness;
-        let falling = (held * total - asked) / self.mass;
-        let push = held - falling;
-        let mut bar_falling = F::zero();
+        let [bar_x, bar_y, mut bar_push] = out.velocity;
+        let push = self.contact / self.mass;
         let speed = (x * x + y * y).sqrt();
         if speed > F::zero() {
             // Slip: the speed before is the speed after and what friction took.
@@ -97,19 +93,15 @@ impl<F: Precision> NodeForces<'_, F> {
             out.velocity[0] = bar_x * kept + along[0] * whole;
             out.velocity[1] = bar_y * kept + along[1] * whole;
             out.friction = -(bar_speed * push);
-            let bar_push = -(bar_speed * self.friction);
-            bar_held += bar_push;
-            bar_falling -= bar_push;
+            bar_push -= bar_speed * self.friction;
         } else {
             // Stick: nothing before makes a difference.
             out.velocity[0] = F::zero();
             out.velocity[1] = F::zero();
         }
-        let bar = bar_held / total;
-        out.contact = [-(bar * held), bar];
-        out.mass += bar * (falling - held);
-        out.velocity[2] = bar * self.mass + bar_falling;
-        out.before[2] = falling;
+        out.contact = bar_push / self.mass;
+        out.mass -= out.contact * push;
+        out.before[2] = held - push;
     }
 }
 

@@ -305,7 +305,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let forces = NodeForces {
             mass,
             clamp: &std::array::from_fn(|row| nodes.clamps.channel(0)[at(CLAMP_ROWS, row)]),
-            contact: &std::array::from_fn(|row| nodes.contact.channel(0)[at(CONTACT_ROWS, row)]),
+            contact: nodes.contact.channel(0)[at(CONTACT_ROWS, 0)],
             friction: context.physics.friction,
         };
         let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
@@ -321,9 +321,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         for row in 0..CLAMP_ROWS {
             self.clamp_bars[at(CLAMP_ROWS, row)] = bar.clamp[row];
         }
-        for row in 0..CONTACT_ROWS {
-            self.contact_bars[at(CONTACT_ROWS, row)] = bar.contact[row];
-        }
+        self.contact_bars[at(CONTACT_ROWS, 0)] = bar.contact;
         self.totals.friction += bar.friction.value();
         self.node_mass_bars[at(1, 0)] += (free.mass + bar.mass).value();
     }
@@ -499,34 +497,27 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
     }
 
-    /// From the table's springs to the heights of the slices.
+    /// From the table's push to heights and velocities of the slices.
     #[inline(always)]
     fn contact(&mut self) {
-        let (members, context) = (self.members(), &self.setup.context);
+        let members = self.members();
         let width = self.engine.blocks.transfer.width;
         for block in 0..self.engine.blocks.transfer.blocks() {
-            let Some((gap, near)) = self.engine.blocks.near_table(block) else {
+            let Some(push) = self.engine.blocks.push_of_table(block) else {
                 continue;
             };
-            let asked = gap.scale(-1.0 / context.dt_s);
             let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CONTACT_ROWS, &self.contact_bars, &mut self.scratch);
-            let mut bar_asked = F::Plain::<I>::zero();
+            let mut bar_push = F::Plain::<I>::zero();
             for member in 0..members {
                 let transfer = &self.engine.blocks.transfer;
-                let bar_stiffness = transfer.gather_value(member, &self.scratch[..width]);
-                let bar_push = transfer.gather_value(member, &self.scratch[width..2 * width]);
-                let mass = self.engine.blocks.bodies[block * members + member].mass_kg;
-                bar_asked = bar_push.times_plus(mass * near, bar_asked);
-                if self.weighed {
-                    let by_mass = asked.times_plus(bar_push, bar_stiffness);
-                    self.add_to_masses(block, member, by_mass * near);
-                }
+                bar_push += transfer.gather_value(member, &self.scratch[..width]);
             }
-            // The slice asks for −(mean height − lowest)/dt.
-            let bar_height = bar_asked.scale(1.0 / (context.dt_s * members as f64));
+            // Height and velocity of a slice are means over its members.
+            let bar_mean = bar_push.scale(1.0 / members as f64);
             for bar in &mut self.bars[block * members..(block + 1) * members] {
-                bar.position[2] -= bar_height;
+                bar.position[2] += bar_mean * push.by_gap;
+                bar.velocity[2] += bar_mean * push.by_rise;
             }
         }
     }

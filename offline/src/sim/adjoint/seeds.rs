@@ -5,6 +5,7 @@ use super::{Cotangent, Precision};
 use crate::sim::lanes::Lanes;
 use crate::sim::real::Arithmetic;
 use crate::sim::rollout::{FrameMark, Recorder, Rollout};
+use crate::sim::rope::RopeLayout;
 
 /// Derivatives of the result with respect to frames and reach, with the states they came from.
 pub(super) struct Seeds {
@@ -12,6 +13,8 @@ pub(super) struct Seeds {
     /// Of the frames that are still to come on the way back.
     marks: Vec<FrameMark>,
     reach_state: usize,
+    /// Of the last slice and of the one before in the tip.
+    end_weights: [f64; 2],
 }
 
 impl Seeds {
@@ -19,6 +22,7 @@ impl Seeds {
         cotangent: Cotangent,
         recorder: &Recorder<F>,
         rollout: &Rollout<F>,
+        layout: &RopeLayout,
     ) -> Self {
         let points = |frame: usize| rollout.frames.get(frame).map(Vec::len);
         let fits = cotangent.frames.is_empty()
@@ -28,6 +32,7 @@ impl Seeds {
         Self {
             marks: recorder.marks[..cotangent.frames.len()].to_vec(),
             reach_state: recorder.reach_state,
+            end_weights: layout.end_weights(),
             cotangent,
         }
     }
@@ -61,10 +66,9 @@ impl Seeds {
         }
         if state == self.reach_state && self.cotangent.reach != 0.0 {
             let reach = std::mem::take(&mut self.cotangent.reach) * share;
-            // The tip is 3/2 of the last slice's middle less 1/2 of the one before.
+            let end_weights = self.end_weights;
             let weight = |slice: usize| match slices - slice {
-                1 => 1.5 * reach,
-                2 => -0.5 * reach,
+                from_end @ 1..=2 => end_weights[from_end - 1] * reach,
                 _ => 0.0,
             };
             for (block, bars) in bars.chunks_mut(members).enumerate() {
