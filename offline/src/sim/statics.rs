@@ -4,7 +4,7 @@
 //! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
 //! one in which the forces at the nodes vanish: stress, weight, laws, clamps. That system is solved
 //! directly; a damped rollout to the same state takes some thousand times as many operations. The
-//! tangent matrix is that of the elastic rope. Numbers with tangents go through the same iteration,
+//! tangent matrix is that of the elastic rope in its stress-free shape, as stiff as its stiffest part. Numbers with tangents go through the same iteration,
 //! so that what comes out carries the exact derivatives of the rest state.
 //!
 //! It takes double precision: nodes at the rope's surface are held by so little of it that single
@@ -16,13 +16,13 @@ use super::dual::Dual;
 use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
-use super::material::add_stress_laws;
+use super::material::Material;
 use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
-use super::rollout::{grip_motions, masses_kg, time_step};
+use super::rollout::{grip_motions, masses_kg, mouths, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub, zero3};
+use super::tensor::{Mat3, Vec3, add, det, dot, matmul, mul, scaled, sub, zero3};
 
 /// A spring that pulls the rope's axis to a point where it was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +69,8 @@ pub struct Statics<'a, T: Real> {
     grid: Grid<f64>,
     masses_kg: Vec<T>,
     lame: Lame<T>,
+    /// The material, of which nothing is taken down yet.
+    material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s²: κ/dt² of the rollout.
     clamp_per_kg: T,
     /// Place of each node in the matrix, along the rope.
@@ -87,6 +89,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
+        let material = Material::new(physics, &layout, &mouths(scene));
         let dt_s = time_step(scene, physics);
         let mut statics = Self {
             scene,
@@ -95,6 +98,7 @@ impl<'a, T: Real> Statics<'a, T> {
             grid,
             masses_kg,
             lame,
+            material,
             clamp_per_kg: T::of(scene.clamp_stiffness()) / (dt_s * dt_s),
             place: Vec::new(),
             band: 0,
@@ -187,7 +191,9 @@ impl<'a, T: Real> Statics<'a, T> {
             };
             moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
             if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
-                return self.above_table(&nodes).map(|()| nodes);
+                self.above_table(&nodes)?;
+                self.below_yield(&nodes)?;
+                return Ok(nodes);
             }
         }
         Err(Cause::NoRest { moved_m })
@@ -248,10 +254,15 @@ impl<'a, T: Real> Statics<'a, T> {
     ) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         let mut forces = vec![zero3(); nodes.len()];
+        let particles: Vec<(Vec3<T>, Mat3<T>)> = (0..self.grid.links.len())
+            .map(|p| self.particle(nodes, p))
+            .collect();
+        let mut material = self.material.clone();
+        material.rest(self.physics, |p| &particles[p].1);
         for (p, link) in self.grid.links.iter().enumerate() {
-            let (x, f) = self.particle(nodes, p);
+            let (x, f) = particles[p];
             let mass = self.masses_kg[p];
-            let stress = self.stress(p, &f)?;
+            let stress = self.stress(&material, p, &f)?;
             let volume = self.layout.particle_volume_m3(p);
             let mut body = add(mul(self.physics.gravity_m_s2, mass), self.law_force(p, x, &f));
             if let Some(target) = held[p] {
@@ -282,16 +293,13 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// First Piola-Kirchhoff stress of a particle at rest, Pa.
-    fn stress(&self, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
-        let (mut pk1, j) = piola_stress(f, &self.lame);
+    fn stress(&self, material: &Material<T>, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
+        let (pk1, j) = material.piola(particle, (f, &[zero3(); 3]), self.physics, &self.lame);
         if j.value().is_nan() || j.value() <= 0.0 {
             return Err(Cause::Inverted {
                 particle,
                 det: j.value(),
             });
-        }
-        if !self.physics.stress_laws.is_empty() {
-            add_stress_laws((f, &[zero3(); 3]), self.physics, &self.lame, j, &mut pk1);
         }
         Ok(pk1)
     }
@@ -352,13 +360,17 @@ impl<'a, T: Real> Statics<'a, T> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         for (p, link) in self.grid.links.iter().enumerate() {
             let (_, f) = self.particle(nodes, p);
-            let slope = stress_slope(&f.map(|row| row.map(T::value)), &lame);
-            let volume = self.layout.particle_volume_m3(p);
+            let (shape, stiffening) = self.material.shape_and_stiffening(p);
+            let slope = stress_slope(&matmul(&f.map(|row| row.map(T::value)), &shape), &lame);
+            let volume = stiffening * self.layout.particle_volume_m3(p) / det(&shape);
             let spring = held[p].map_or(0.0, |_| (self.masses_kg[p] * self.clamp_per_kg).value());
             let gradient: [[f64; 3]; STENCIL] = std::array::from_fn(|entry| {
-                self.grid
+                let d = self
+                    .grid
                     .offset_m(p, entry)
-                    .map(|d| d * scale * link.weights[entry])
+                    .map(|d| d * scale * link.weights[entry]);
+                // F A varies with a node as F does, seen from the stress-free shape.
+                std::array::from_fn(|b| (0..3).map(|c| d[c] * shape[c][b]).sum())
             });
             let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
             for j in 0..STENCIL {
@@ -433,6 +445,18 @@ impl<'a, T: Real> Statics<'a, T> {
             STEP_CAP / largest
         } else {
             1.0
+        }
+    }
+
+    /// Refuses a pose in which the rope would yield: where it comes to rest then depends on how it got there.
+    fn below_yield(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
+        let yields = |p: &usize| {
+            let (_, f) = self.particle(nodes, *p);
+            self.material.yields(*p, &f, self.physics)
+        };
+        match (0..self.layout.particles()).find(yields) {
+            Some(particle) => Err(Cause::YieldsAtRest { particle }),
+            None => Ok(()),
         }
     }
 
