@@ -83,8 +83,9 @@ impl<T: Real> Material<T> {
     }
 
     /// Largest bending stiffness, at least one: it bounds the time step as the modulus does.
-    pub fn largest_bending(&self) -> f64 {
-        self.bending.iter().map(|c| c.value()).fold(1.0, f64::max)
+    pub fn largest_bending(&self) -> T {
+        let larger = |most: T, &c: &T| T::select(c.exceeds(most), c, most);
+        self.bending.iter().fold(T::one(), larger)
     }
 
     /// Lets the material flow and remember, and takes down what the slices' particles have in common;
@@ -130,15 +131,14 @@ impl<T: Real> Material<T> {
             .any(|law| law.relaxation(&elastic).is_some())
     }
 
-    /// The stress-free shape's A of a particle and how many times as stiff as a solid section its slice is
-    /// where it is stiffer.
-    pub fn shape_and_stiffening(&self, index: usize) -> (Mat3<f64>, f64) {
+    /// The stress-free shape's A of a particle, and the bending stiffness c of its slice.
+    pub fn shape_and_bending(&self, index: usize) -> (Mat3<f64>, f64) {
         let shape = match self.natural_inverse.get(index) {
             Some(a) => a.map(|row| row.map(T::value)),
             None => identity(),
         };
         let bending = self.bending.get(index / self.section);
-        (shape, bending.map_or(1.0, |c| c.value().max(1.0)))
+        (shape, bending.map_or(1.0, |c| c.value()))
     }
 
     /// F A of a particle.
