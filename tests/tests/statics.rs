@@ -10,7 +10,7 @@ use offline::model::Structure;
 use offline::observe::bracket;
 use offline::sim::scene::Settling;
 use offline::sim::tensor::value3;
-use offline::sim::{Arithmetic, Dual, Physics, Real, Scene, simulate};
+use offline::sim::{Cause, Dual, Physics, Real, Scene, simulate};
 use tests::elastica::Elastica;
 
 const G: f64 = 9.81;
@@ -196,6 +196,22 @@ fn a_damped_rollout_comes_near_the_pose_at_rest() {
     assert!(misses[2] < GRID_ERROR * bent);
 }
 
+/// Materials of which a rope that hangs knows: by effect, its values.
+const MATERIALS: [(&str, &[f64]); 6] = [
+    ("", &[]),
+    ("rest_curvature", &[1.0, 2.0]),
+    ("bending_ratio", &[0.5]),
+    ("bending_ratio", &[1.6]),
+    ("clamp_compliance", &[0.5]),
+    ("strain_stiffening", &[20.0]),
+];
+
+fn with_effect(effect: &str) -> Structure {
+    Structure {
+        effects: offline::effects::find(effect).into_iter().collect(),
+    }
+}
+
 /// A rollout that starts from rest stays there.
 #[test]
 fn a_rollout_that_starts_at_rest_stays_at_rest() {
@@ -205,47 +221,73 @@ fn a_rollout_that_starts_at_rest_stays_at_rest() {
     let mut scene = Scene::of_demo(&demo, CELLS).unwrap();
     scene.duration_s = 0.1;
     scene.frame_times_s = vec![0.0, 0.05, 0.1];
-    let frames = simulate(&scene, &Physics::base(CABLE.young_pa, 0.3, 0.0))
-        .unwrap()
-        .frames;
-    for later in &frames[1..] {
-        let moved = frames[0]
-            .iter()
-            .zip(later)
-            .map(|(a, b)| distance(*a, *b))
-            .fold(0.0, f64::max);
-        println!("moved {moved:.1e} m");
-        assert!(moved < 1e-6);
+    let mut tips = Vec::new();
+    for (effect, values) in MATERIALS {
+        let theta = [&[CABLE.young_pa.ln(), 0.3], values].concat();
+        let physics = with_effect(effect).physics(&theta, 0.0);
+        let frames = simulate(&scene, &physics).unwrap().frames;
+        tips.push(*frames[0].last().unwrap());
+        for later in &frames[1..] {
+            let moved = frames[0]
+                .iter()
+                .zip(later)
+                .map(|(a, b)| distance(*a, *b))
+                .fold(0.0, f64::max);
+            println!("{effect} {values:?}: moved {moved:.1e} m");
+            assert!(moved < 1e-6, "{effect} {values:?}: moved {moved} m");
+        }
     }
+    for (tip, (effect, _)) in tips[1..].iter().zip(&MATERIALS[1..]) {
+        let apart = distance(tips[0], *tip);
+        assert!(apart > 1e-5, "{effect} changes nothing where the rope hangs");
+    }
+}
+
+/// Where a rope that yields hangs depends on how it got there, which a pose does not say.
+#[test]
+fn a_pose_in_which_the_rope_would_yield_is_refused() {
+    let scene = Scene::of_demo(&CABLE.poses(&[0.0], &[0.5, 1.0]), CELLS).unwrap();
+    let pose = |one_over_strain: f64| {
+        let theta = [CABLE.young_pa.ln(), 0.3, one_over_strain];
+        simulate(&scene, &with_effect("yield").physics(&theta, 0.0))
+    };
+    assert!(pose(0.0).is_ok());
+    let refused = pose(200.0).err().expect("it yields");
+    assert!(
+        matches!(refused.cause, Cause::YieldsAtRest { .. }),
+        "{refused}: another cause"
+    );
 }
 
 #[test]
 fn tangents_of_a_pose_are_its_differences() {
     let demo = CABLE.poses(&[0.6], &[0.5, 1.0]);
     let scene = Scene::of_demo(&demo, CELLS).unwrap();
-    let log_young = CABLE.young_pa.ln();
-    let dual = |x: f64, k| Dual::<f64, 2>::input(x, k);
-    let physics = Physics::base(dual(log_young, 0).exp(), dual(0.3, 1), Dual::of(0.0));
-    let with_tangents = simulate(&scene, &physics).unwrap();
-    for (k, h) in [(0, 1e-3), (1, 1e-3)] {
-        let shifted = |sign: f64| {
-            let (young, poisson) = if k == 0 {
-                ((log_young + sign * h).exp(), 0.3)
-            } else {
-                (CABLE.young_pa, 0.3 + sign * h)
+    for (effect, values) in MATERIALS {
+        let structure = with_effect(effect);
+        let theta = [&[CABLE.young_pa.ln(), 0.3], values].concat();
+        let inputs: Vec<Dual<f64, 4>> = theta
+            .iter()
+            .enumerate()
+            .map(|(k, &x)| Dual::input(x, k))
+            .collect();
+        let with_tangents = simulate(&scene, &structure.physics(&inputs, 0.0)).unwrap();
+        for k in 0..theta.len() {
+            let h = 1e-3;
+            let shifted = |sign: f64| {
+                let mut theta = theta.clone();
+                theta[k] += sign * h;
+                let mut rollout = simulate(&scene, &structure.physics(&theta, 0.0)).unwrap();
+                rollout.frames.remove(0)
             };
-            simulate(&scene, &Physics::base(young, poisson, 0.0))
-                .unwrap()
-                .frames
-                .remove(0)
-        };
-        let (plus, minus) = (shifted(1.0), shifted(-1.0));
-        let tip = plus.len() - 1;
-        for c in [0, 2] {
-            let difference = (plus[tip][c] - minus[tip][c]) / (2.0 * h);
-            let tangent = with_tangents.frames[0][tip][c].tangent[k];
-            println!("d tip[{c}]/d theta[{k}]: {tangent:.6e} against {difference:.6e}");
-            assert!((tangent - difference).abs() < 1e-3 * difference.abs() + 1e-6);
+            let (plus, minus) = (shifted(1.0), shifted(-1.0));
+            let tip = plus.len() - 1;
+            for c in [0, 2] {
+                let difference = (plus[tip][c] - minus[tip][c]) / (2.0 * h);
+                let tangent = with_tangents.frames[0][tip][c].tangent[k];
+                println!("{effect}: d tip[{c}]/d theta[{k}]: {tangent:.6e} against {difference:.6e}");
+                assert!((tangent - difference).abs() < 1e-3 * difference.abs() + 1e-6);
+            }
         }
     }
 }

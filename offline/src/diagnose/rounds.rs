@@ -438,7 +438,8 @@ fn score(
     let mut wide = structure.clone();
     let mut wide_theta = theta.to_vec();
     for (index, spec) in effects::ALL.iter().enumerate() {
-        if !structure.effects.contains(&index) && !options.hidden.contains(&index) {
+        let asked = !structure.effects.contains(&index) && !options.hidden.contains(&index);
+        if asked && bench.fit.knows(index) {
             wide.effects.push(index);
             wide_theta.extend(spec.parameters.iter().map(|p| p.vanishes_at));
         }

@@ -69,8 +69,8 @@ impl<T: Real> MemoryLaw<T> for Maxwell<T> {
         (self.retardation_time_s * lame.p_wave_modulus()).value()
     }
 
-    fn modulus_pa(&self, lame: &Lame<T>) -> f64 {
-        QUICK_MODULUS * lame.p_wave_modulus().value()
+    fn modulus_pa(&self, lame: &Lame<T>) -> T {
+        lame.p_wave_modulus().scale(QUICK_MODULUS)
     }
 }
 

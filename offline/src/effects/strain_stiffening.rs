@@ -53,8 +53,8 @@ impl<T: Real> StressLaw<T> for StrainStiffening<T> {
         Some((self.coefficient * point.lame.young_pa() * square * square).scale(0.25))
     }
 
-    fn modulus_pa(&self, lame: &Lame<T>) -> f64 {
-        3.0 * DESIGN_STRAIN * DESIGN_STRAIN * (self.coefficient * lame.young_pa()).value()
+    fn modulus_pa(&self, lame: &Lame<T>) -> T {
+        (self.coefficient * lame.young_pa()).scale(3.0 * DESIGN_STRAIN * DESIGN_STRAIN)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
+use super::sensitivity::flows;
 use crate::demo::Demo;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, interpolate, measure};
@@ -108,6 +109,12 @@ impl<'a> Problem<'a> {
             frames: FrameShare::ALL,
             section: Section::default(),
         })
+    }
+
+    /// Whether every demonstration can be simulated with an effect: where a rope hangs is found without the way
+    /// that led there, on which the shape of one that yields depends.
+    pub fn knows(&self, effect: usize) -> bool {
+        !flows(effect) || self.scenes.iter().all(|scene| scene.start.hang().is_none())
     }
 
     /// Residuals without derivatives.

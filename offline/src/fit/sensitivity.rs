@@ -13,7 +13,7 @@ use crate::sim::dual::Dual;
 use crate::sim::real::{Arithmetic, Float};
 use crate::sim::rollout::Track;
 use crate::sim::tensor::{Vec3, lift3, value3};
-use crate::sim::{Laned, Real, Rollout};
+use crate::sim::{Laned, Physics, Real, Rollout};
 use rayon::prelude::*;
 
 /// Most tangents of one pass.
@@ -109,11 +109,19 @@ fn balanced(columns: &[usize]) -> impl Iterator<Item = Pass> {
 
 /// Whether a rollout with an effect has to step one particle after the other.
 fn changes_material(effect: usize) -> bool {
-    let alone = Structure {
+    alone(effect).changes_material()
+}
+
+/// Whether an effect changes the shape at rest for good.
+pub(super) fn flows(effect: usize) -> bool {
+    !alone(effect).flow_laws.is_empty()
+}
+
+fn alone(effect: usize) -> Physics<f64> {
+    let structure = Structure {
         effects: vec![effect],
     };
-    let off: Vec<f64> = alone.start(1e6);
-    alone.physics(&off, 0.0).changes_material()
+    structure.physics(&structure.start(1e6), 0.0)
 }
 
 /// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,

@@ -87,11 +87,14 @@ pub enum Cause {
     /// A gradient was asked for where the start depends on the parameters.
     #[error("gradients in reverse need a rope that starts straight: take tangents")]
     HangsAtStart,
-    /// A pose at rest was asked of a material that is not simply elastic.
+    /// A pose at rest was asked of a rope that yields in it.
     #[error(
-        "poses at rest are found for elastic ropes only: leave out shape, bending, memory and yield effects"
+        "at rest the rope yields at particle {particle}, so where it hangs depends on how it got there: leave out the yield effect, or let the demonstration start from a straight rope"
     )]
-    OtherMaterialAtRest,
+    YieldsAtRest {
+        /// The particle.
+        particle: usize,
+    },
     /// The rope would rest on the table, which poses at rest do not know.
     #[error("the rope at rest reaches down to z = {lowest_m:.3} m and would lie on the table")]
     RestsOnTable {

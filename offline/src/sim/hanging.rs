@@ -21,7 +21,6 @@ pub(super) fn hang<T: Real>(
     let Some(hang) = scene.start.hang() else {
         return Ok(None);
     };
-    refuse_other_materials(physics)?;
     let statics = Statics::new(scene, physics);
     let first = statics.solve(&hang.poses[0])?;
     let later = match (&scene.start, hang.poses.get(1)) {
@@ -46,7 +45,6 @@ pub(super) fn hang_still<T: Real>(
     physics: &Physics<T>,
     hang: &Hang,
 ) -> Result<Rollout<T>, SimError> {
-    refuse_other_materials(physics).map_err(SimError::at_start)?;
     let statics = Statics::new(scene, physics);
     let layout = scene.layout();
     let members = layout.section_m.len();
@@ -97,13 +95,4 @@ pub(super) fn hang_still<T: Real>(
         rollout.grip_forces_n.push(grip_forces_n);
     }
     Ok(rollout)
-}
-
-/// Newton's method knows elasticity and stress laws, not a stress-free shape, memory, flow or a bending
-/// stiffness of its own.
-fn refuse_other_materials<T: Real>(physics: &Physics<T>) -> Result<(), Cause> {
-    if physics.changes_material() {
-        return Err(Cause::OtherMaterialAtRest);
-    }
-    Ok(())
 }

@@ -83,8 +83,9 @@ impl<T: Real> Material<T> {
     }
 
     /// Largest bending stiffness, at least one: it bounds the time step as the modulus does.
-    pub fn largest_bending(&self) -> f64 {
-        self.bending.iter().map(|c| c.value()).fold(1.0, f64::max)
+    pub fn largest_bending(&self) -> T {
+        let larger = |most: T, &c: &T| T::select(c.exceeds(most), c, most);
+        self.bending.iter().fold(T::one(), larger)
     }
 
     /// Lets the material flow and remember, and takes down what the slices' particles have in common;
@@ -106,12 +107,38 @@ impl<T: Real> Material<T> {
                 law.remember(memory, &strain_rate(f, rate), dt_s);
             }
         }
+        self.rest(physics, |index| motion(index).0);
+    }
+
+    /// Takes down what the slices' particles have in common. Where nothing moves that is all there is to do:
+    /// what laws remember of strain has died out.
+    #[inline(always)]
+    pub fn rest<'a>(&mut self, physics: &Physics<T>, gradients: impl Fn(usize) -> &'a Mat3<T>) {
         for slice in 0..self.common_pa.len() {
-            let mean = self.mean(slice, |index| motion(index).0);
+            let mean = self.mean(slice, &gradients);
             let (stress, _) = piola_stress(&mean, &physics.lame());
             let share = T::one() - self.bending[slice];
             self.common_pa[slice] = stress.map(|row| mul(row, share));
         }
+    }
+
+    /// Whether a particle would yield.
+    pub fn yields(&self, index: usize, f: &Mat3<T>, physics: &Physics<T>) -> bool {
+        let elastic = self.elastic(index, f);
+        physics
+            .flow_laws
+            .iter()
+            .any(|law| law.relaxation(&elastic).is_some())
+    }
+
+    /// The stress-free shape's A of a particle, and the bending stiffness c of its slice.
+    pub fn shape_and_bending(&self, index: usize) -> (Mat3<f64>, f64) {
+        let shape = match self.natural_inverse.get(index) {
+            Some(a) => a.map(|row| row.map(T::value)),
+            None => identity(),
+        };
+        let bending = self.bending.get(index / self.section);
+        (shape, bending.map_or(1.0, |c| c.value()))
     }
 
     /// F A of a particle.

@@ -81,8 +81,8 @@ pub trait StressLaw<T: Real>: Send + Sync {
         None
     }
     /// Modulus that it adds to the elastic one at large strain, Pa: stiffness bounds the time step.
-    fn modulus_pa(&self, _lame: &Lame<T>) -> f64 {
-        0.0
+    fn modulus_pa(&self, _lame: &Lame<T>) -> T {
+        T::zero()
     }
 }
 
@@ -96,7 +96,7 @@ pub trait MemoryLaw<T: Real>: Send + Sync {
     /// Viscosity while the strain changes slowly against the delay, Pa s.
     fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64;
     /// Modulus while it changes quickly, Pa. The law is stable in a step that is stable for either.
-    fn modulus_pa(&self, lame: &Lame<T>) -> f64;
+    fn modulus_pa(&self, lame: &Lame<T>) -> T;
 }
 
 /// A stress-free shape other than straight.

@@ -9,7 +9,7 @@ use super::hanging::{hang, hang_still};
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Instructions, Laned, Portable};
 use super::material::Material;
-use super::physics::{MemoryLaw, Mouth, Physics, Pose};
+use super::physics::{Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene, fastest_pa, require};
@@ -365,20 +365,19 @@ pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
 pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let lame = physics.lame();
     // A stiffness of another kind counts with the factor of λ, the larger.
-    let stiff = |modulus_pa: f64| {
+    let stiff = |modulus_pa: T| {
         fastest_pa(&Lame {
             mu: T::zero(),
-            lambda: T::of(modulus_pa),
+            lambda: modulus_pa,
         })
     };
-    let stiffening: f64 = physics.stress_laws.iter().map(|law| law.modulus_pa(&lame)).sum();
-    let elastic = fastest_pa(&lame).scale(stiffest_bending(scene, physics)) + stiff(stiffening);
+    let stress_laws = physics.stress_laws.iter();
+    let stiffening = stress_laws.fold(T::zero(), |sum, law| sum + law.modulus_pa(&lame));
+    let elastic = fastest_pa(&lame) * stiffest_bending(scene, physics) + stiff(stiffening);
     let lightness = lightness(scene, physics);
-    let of_memory = |f: fn(&dyn MemoryLaw<T>, &Lame<T>) -> f64| -> f64 {
-        physics.memory_laws.iter().map(|law| f(law.as_ref(), &lame)).sum()
-    };
-    let viscosity = of_memory(|law, lame| law.viscosity_pa_s(lame));
-    let quick = of_memory(|law, lame| law.modulus_pa(lame));
+    let memory_laws = || physics.memory_laws.iter();
+    let viscosity: f64 = memory_laws().map(|law| law.viscosity_pa_s(&lame)).sum();
+    let quick = memory_laws().fold(T::zero(), |sum, law| sum + law.modulus_pa(&lame));
     let retardation_s = physics.retardation_s(&scene.rope);
     let of = |fastest_pa: T, viscosity_pa_s: f64| {
         scene.time_step_s(
@@ -405,9 +404,9 @@ fn lightness<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
 }
 
 /// Largest bending stiffness of a slice as a multiple of the solid section's, at least one.
-fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     if physics.bending_laws.is_empty() {
-        return 1.0;
+        return T::one();
     }
     Material::new(physics, &scene.layout(), &mouths(scene)).largest_bending()
 }

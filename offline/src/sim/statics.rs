@@ -4,7 +4,7 @@
 //! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
 //! one in which the forces at the nodes vanish: stress, weight, laws, clamps. That system is solved
 //! directly; a damped rollout to the same state takes some thousand times as many operations. The
-//! tangent matrix is that of the elastic rope. Numbers with tangents go through the same iteration,
+//! tangent matrix is that of the elastic rope in its stress-free shape, without stress laws. Numbers with tangents go through the same iteration,
 //! so that what comes out carries the exact derivatives of the rest state.
 //!
 //! It takes double precision: nodes at the rope's surface are held by so little of it that single
@@ -16,13 +16,14 @@ use super::dual::Dual;
 use super::elastic::{Lame, piola_stress};
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
-use super::material::add_stress_laws;
+use super::material::Material;
 use super::physics::{ForcePoint, Physics};
 use super::real::{Arithmetic, Real};
-use super::rollout::{grip_motions, masses_kg, time_step};
+use super::rollout::{grip_motions, masses_kg, mouths, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, sub, zero3};
+use super::tensor::{Mat3, Vec3, add, det, dot, matmul, mul, scaled, sub, zero3};
+use std::collections::BTreeMap;
 
 /// A spring that pulls the rope's axis to a point where it was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +70,8 @@ pub struct Statics<'a, T: Real> {
     grid: Grid<f64>,
     masses_kg: Vec<T>,
     lame: Lame<T>,
+    /// The material, of which nothing is taken down yet.
+    material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s²: κ/dt² of the rollout.
     clamp_per_kg: T,
     /// Place of each node in the matrix, along the rope.
@@ -87,6 +90,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
+        let material = Material::new(physics, &layout, &mouths(scene));
         let dt_s = time_step(scene, physics);
         let mut statics = Self {
             scene,
@@ -95,6 +99,7 @@ impl<'a, T: Real> Statics<'a, T> {
             grid,
             masses_kg,
             lame,
+            material,
             clamp_per_kg: T::of(scene.clamp_stiffness()) / (dt_s * dt_s),
             place: Vec::new(),
             band: 0,
@@ -187,7 +192,9 @@ impl<'a, T: Real> Statics<'a, T> {
             };
             moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
             if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
-                return self.above_table(&nodes).map(|()| nodes);
+                self.above_table(&nodes)?;
+                self.below_yield(&nodes)?;
+                return Ok(nodes);
             }
         }
         Err(Cause::NoRest { moved_m })
@@ -225,7 +232,7 @@ impl<'a, T: Real> Statics<'a, T> {
         pins.iter()
             .map(|pin| {
                 let (low, share) = crate::observe::bracket(&arcs, pin.arc_m);
-                let mut row = std::collections::BTreeMap::<usize, f64>::new();
+                let mut row = BTreeMap::<usize, f64>::new();
                 for (slice, weight) in [(low, 1.0 - share), (low + 1, share)] {
                     for p in slice * members..(slice + 1) * members {
                         let link = &self.grid.links[p];
@@ -248,10 +255,15 @@ impl<'a, T: Real> Statics<'a, T> {
     ) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         let mut forces = vec![zero3(); nodes.len()];
+        let particles: Vec<(Vec3<T>, Mat3<T>)> = (0..self.grid.links.len())
+            .map(|p| self.particle(nodes, p))
+            .collect();
+        let mut material = self.material.clone();
+        material.rest(self.physics, |p| &particles[p].1);
         for (p, link) in self.grid.links.iter().enumerate() {
-            let (x, f) = self.particle(nodes, p);
+            let (x, f) = particles[p];
             let mass = self.masses_kg[p];
-            let stress = self.stress(p, &f)?;
+            let stress = self.stress(&material, p, &f)?;
             let volume = self.layout.particle_volume_m3(p);
             let mut body = add(mul(self.physics.gravity_m_s2, mass), self.law_force(p, x, &f));
             if let Some(target) = held[p] {
@@ -282,16 +294,13 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// First Piola-Kirchhoff stress of a particle at rest, Pa.
-    fn stress(&self, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
-        let (mut pk1, j) = piola_stress(f, &self.lame);
+    fn stress(&self, material: &Material<T>, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
+        let (pk1, j) = material.piola(particle, (f, &[zero3(); 3]), self.physics, &self.lame);
         if j.value().is_nan() || j.value() <= 0.0 {
             return Err(Cause::Inverted {
                 particle,
                 det: j.value(),
             });
-        }
-        if !self.physics.stress_laws.is_empty() {
-            add_stress_laws((f, &[zero3(); 3]), self.physics, &self.lame, j, &mut pk1);
         }
         Ok(pk1)
     }
@@ -350,48 +359,49 @@ impl<'a, T: Real> Statics<'a, T> {
             lambda: self.lame.lambda.value(),
         };
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
-        for (p, link) in self.grid.links.iter().enumerate() {
-            let (_, f) = self.particle(nodes, p);
-            let slope = stress_slope(&f.map(|row| row.map(T::value)), &lame);
-            let volume = self.layout.particle_volume_m3(p);
-            let spring = held[p].map_or(0.0, |_| (self.masses_kg[p] * self.clamp_per_kg).value());
-            let gradient: [[f64; 3]; STENCIL] = std::array::from_fn(|entry| {
-                self.grid
-                    .offset_m(p, entry)
-                    .map(|d| d * scale * link.weights[entry])
-            });
-            let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
-            for j in 0..STENCIL {
-                // ∂P/∂y_j, a 3 × 3 × 3 block: rows (a, b), columns c.
-                let g = gradient[j].map(|x| volume * x);
-                let block: [[[f64; 3]; 3]; 3] = std::array::from_fn(|a| {
-                    std::array::from_fn(|b| std::array::from_fn(|c| dot(slope[a][b][c], g)))
+        let members = self.layout.section_m.len();
+        for slice in 0..self.layout.slices.len() {
+            let mut common = Common::default();
+            for p in slice * members..(slice + 1) * members {
+                let link = &self.grid.links[p];
+                let (_, f) = self.particle(nodes, p);
+                let (shape, bending) = self.material.shape_and_bending(p);
+                let elastic = matmul(&f.map(|row| row.map(T::value)), &shape);
+                let volume = self.layout.particle_volume_m3(p);
+                let gradients: [[f64; 3]; STENCIL] = std::array::from_fn(|entry| {
+                    let d = self.grid.offset_m(p, entry);
+                    let d = d.map(|d| d * scale * link.weights[entry]);
+                    // F A varies with a node as F does, seen from the stress-free shape.
+                    std::array::from_fn(|b| (0..3).map(|c| d[c] * shape[c][b]).sum())
                 });
-                for i in 0..STENCIL {
-                    if at[i] < at[j] {
-                        continue;
-                    }
-                    let shared = spring * link.weights[i] * link.weights[j];
-                    for a in 0..3 {
-                        let last = if at[i] == at[j] { a } else { 2 };
-                        for c in 0..=last {
-                            let along = (0..3).map(|b| gradient[i][b] * block[a][b][c]).sum::<f64>();
-                            let tied = if a == c { shared } else { 0.0 };
-                            matrix.add(at[i] + a, at[j] + c, along + tied);
-                        }
-                    }
+                let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
+                let slope = stress_slope(&elastic, &lame);
+                add_stiffness(
+                    &mut matrix,
+                    &at,
+                    &gradients,
+                    &slope,
+                    bending * volume / det(&shape),
+                );
+                if bending != 1.0 {
+                    common.add(&elastic, &at, &gradients, 1.0 / members as f64);
+                    common.volume_m3 += (1.0 - bending) * volume;
                 }
+                if held[p].is_some() {
+                    let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
+                    add_spring(&mut matrix, &at, &link.weights, spring);
+                }
+            }
+            if common.volume_m3 != 0.0 {
+                let (at, gradients): (Vec<usize>, Vec<[f64; 3]>) = common.gradients.into_iter().unzip();
+                let slope = stress_slope(&common.elastic, &lame);
+                add_stiffness(&mut matrix, &at, &gradients, &slope, common.volume_m3);
             }
         }
         for (pin, row) in pins {
-            for (i, wi) in row {
-                for (j, wj) in row.iter().filter(|(j, _)| self.place[*j] <= self.place[*i]) {
-                    for k in 0..3 {
-                        let (i, j) = (3 * self.place[*i] + k, 3 * self.place[*j] + k);
-                        matrix.add(i, j, pin.stiffness_n_m * wi * wj);
-                    }
-                }
-            }
+            let (at, weights): (Vec<usize>, Vec<f64>) =
+                row.iter().map(|(node, w)| (3 * self.place[*node], *w)).unzip();
+            add_spring(&mut matrix, &at, &weights, pin.stiffness_n_m);
         }
         matrix
     }
@@ -436,6 +446,18 @@ impl<'a, T: Real> Statics<'a, T> {
         }
     }
 
+    /// Refuses a pose in which the rope would yield: where it comes to rest then depends on how it got there.
+    fn below_yield(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
+        let yields = |p: &usize| {
+            let (_, f) = self.particle(nodes, *p);
+            self.material.yields(*p, &f, self.physics)
+        };
+        match (0..self.layout.particles()).find(yields) {
+            Some(particle) => Err(Cause::YieldsAtRest { particle }),
+            None => Ok(()),
+        }
+    }
+
     /// Refuses a pose in which the rope would lie on the table.
     fn above_table(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
         let Some(table) = self.scene.table else {
@@ -447,6 +469,65 @@ impl<'a, T: Real> Statics<'a, T> {
             return Err(Cause::RestsOnTable { lowest_m });
         }
         Ok(())
+    }
+}
+
+/// What the particles of a slice have in common, which has another stiffness where bending has its own.
+#[derive(Default)]
+struct Common {
+    /// Mean of the elastic deformation gradients.
+    elastic: Mat3<f64>,
+    /// Its derivative with respect to each node, 1/m, by place in the matrix.
+    gradients: BTreeMap<usize, [f64; 3]>,
+    /// Volume times the share of stiffness that it has for itself, m³; negative where bending is stiffer.
+    volume_m3: f64,
+}
+
+impl Common {
+    fn add(&mut self, elastic: &Mat3<f64>, at: &[usize], gradients: &[[f64; 3]], share: f64) {
+        for (sum, row) in self.elastic.iter_mut().zip(elastic) {
+            *sum = add(*sum, scaled(*row, share));
+        }
+        for (at, gradient) in at.iter().zip(gradients) {
+            let sum = self.gradients.entry(*at).or_default();
+            *sum = add(*sum, scaled(*gradient, share));
+        }
+    }
+}
+
+/// Adds the stiffness of a volume whose deformation gradient varies with the nodes at the rows `at` by `gradients`.
+fn add_stiffness(
+    matrix: &mut Band,
+    at: &[usize],
+    gradients: &[[f64; 3]],
+    slope: &[[[[f64; 3]; 3]; 3]; 3],
+    volume_m3: f64,
+) {
+    for (&column, gradient) in at.iter().zip(gradients) {
+        // ∂P/∂y of this node, a 3 × 3 × 3 block: rows (a, b), columns c.
+        let g = gradient.map(|x| volume_m3 * x);
+        let block: [[[f64; 3]; 3]; 3] =
+            std::array::from_fn(|a| std::array::from_fn(|b| std::array::from_fn(|c| dot(slope[a][b][c], g))));
+        for (&row, gradient) in at.iter().zip(gradients).filter(|(row, _)| **row >= column) {
+            for a in 0..3 {
+                let last = if row == column { a } else { 2 };
+                for c in 0..=last {
+                    let along = (0..3).map(|b| gradient[b] * block[a][b][c]).sum::<f64>();
+                    matrix.add(row + a, column + c, along);
+                }
+            }
+        }
+    }
+}
+
+/// Adds a spring at a point that is a weighted mean of nodes.
+fn add_spring(matrix: &mut Band, at: &[usize], weights: &[f64], stiffness_n_m: f64) {
+    for (&column, weight) in at.iter().zip(weights) {
+        for (&row, other) in at.iter().zip(weights).filter(|(row, _)| **row >= column) {
+            for k in 0..3 {
+                matrix.add(row + k, column + k, stiffness_n_m * weight * other);
+            }
+        }
     }
 }
 

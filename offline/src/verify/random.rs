@@ -130,7 +130,7 @@ fn kind(cause: &Cause) -> &'static str {
         Cause::Collapses { .. } => "refused: collapses under its weight",
         Cause::TooLong { .. } => "refused: too long",
         Cause::StepTooLong { .. } => "refused: step too long",
-        Cause::OtherMaterialAtRest => "refused: not elastic at rest",
+        Cause::YieldsAtRest { .. } => "refused: yields at rest",
         Cause::Memory { .. } => "refused: too little memory",
         Cause::OneWay => "refused: no way back",
         Cause::BadParameter { .. } => "refused: bad parameter",
