@@ -87,6 +87,23 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     }
 }
 
+/// What the table has under the slices of a block, of which `of_lane` gives a particle each.
+fn footing<'a, T: Laned, I: Instructions>(
+    context: &StepContext<T>,
+    of_lane: impl Fn(usize) -> Option<&'a Particle<T>>,
+) -> Footing<T::Plain<I>> {
+    let of = |value: fn(Footing<f64>) -> f64| {
+        T::Plain::<I>::from_lanes(|lane| {
+            let footing = of_lane(lane).zip(context.table.as_ref());
+            T::base(footing.map_or(0.0, |(p, table)| value(table.footing(p.length_m, p.volume_m3))))
+        })
+    };
+    Footing {
+        mass_kg: of(|footing| footing.mass_kg),
+        ratio: of(|footing| footing.ratio),
+    }
+}
+
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn new(
         context: &StepContext<T>,
@@ -112,20 +129,6 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 T::base(4.0 * context.dt_s * volume_m3 / dx)
             }));
         }
-        let footings = (0..transfer.blocks()).map(|block| {
-            let of_lane = |lane| {
-                let (p, table) = (of_lane(block, 0, lane)?, context.table?);
-                Some(table.footing(p.length_m, p.volume_m3))
-            };
-            let of = |value: fn(Footing<f64>) -> f64| {
-                T::Plain::<I>::from_lanes(|lane| T::base(of_lane(lane).map_or(0.0, value)))
-            };
-            Footing {
-                mass_kg: of(|footing| footing.mass_kg),
-                ratio: of(|footing| footing.ratio),
-            }
-        });
-        let footings = footings.collect();
         let moduli = |lame: &Lame<T>, k: usize| Lame {
             mu: T::Plain::<I>::splat(lame.mu.channel(k)),
             lambda: T::Plain::<I>::splat(lame.lambda.channel(k)),
@@ -162,7 +165,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 dt_s: context.dt_s,
                 spacing_m: dx,
                 lowest_m: context.table.map(|table| table.lowest_m),
-                footings,
+                footings: (0..transfer.blocks())
+                    .map(|block| footing::<T, I>(context, |lane| of_lane(block, 0, lane)))
+                    .collect(),
                 nodes: vec![zero; 6 * transfer.width],
                 differentials: Vec::with_capacity(members),
                 transfer,

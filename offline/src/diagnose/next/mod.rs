@@ -376,7 +376,8 @@ impl<'a> Desk<'a> {
         };
         if open_mm < SMALL_MM {
             return NextDemonstration::nothing(format!(
-                "the data leave no effect open by more than {SMALL_MM} mm of swing"
+                "no effect's interval is worth more than ± {SMALL_MM} mm of the reach; where more is possible, the \
+                 estimate itself lies off nothing, which more data of the same kind would not change"
             ));
         }
         let allowed = &risk.allowed;
