@@ -39,17 +39,17 @@ impl Swinger for SimulatedSwing {
     fn reach_m(&self, young_pa: f64, poisson: f64, release_m: [f64; 2]) -> Result<f64, SwingRefusal> {
         let mut scene = Scene::swing_settled(self.rope, &self.task, release_m, self.resolution.cells)
             .map_err(|error| refusal(&error))?;
-        let mut theta = vec![young_pa.ln() as f32, poisson as f32];
-        theta.extend(self.effect_values.iter().map(|&v| v as f32));
+        // In double precision: in single, a rope that has fallen out of the plane never comes to rest.
+        let mut theta = vec![young_pa.ln(), poisson];
+        theta.extend(&self.effect_values);
         // No table in this scene, so its friction does not matter.
         let mut physics = self.structure.physics(&theta, 0.0);
-        physics.gravity_m_s2[1] += (LEAN_RAD * GRAVITY_M_S2) as f32;
+        physics.gravity_m_s2[1] += LEAN_RAD * GRAVITY_M_S2;
         // A gripper that opens late shall not cut the swing short.
-        scene.duration_s += f64::from(physics.release_delay_s);
+        scene.duration_s += physics.release_delay_s;
         let rollout = simulate(&scene, &physics).map_err(|error| refusal(&error))?;
         rollout
             .reach_m
-            .map(f64::from)
             .ok_or_else(|| SwingRefusal::Failed("the swing ended before the release".into()))
     }
 }

@@ -10,11 +10,12 @@ use offline::sim::lanes::Laned;
 use offline::sim::physics::ForceField;
 use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;
-use offline::sim::scene::{Grip, Scene, StepLength, Table};
+use offline::sim::scene::{Grip, Scene, Settling, StepLength, Table};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
 use offline::verify::setup::DIAMETER_M;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 
 /// How a tangent compares with a central difference, over all points of some frames.
@@ -399,10 +400,21 @@ pub fn free() -> Scene {
 pub fn swing(release_m: [f64; 2]) -> Scene {
     let task = SwingTask {
         top_m: [0.15, 0.2],
+        dwell_s: 0.25,
         ..SwingTask::PAPER
     };
-    let mut scene = Scene::swing_settled(soft_rope(0.12), &task, release_m, 1.5).unwrap();
+    let quick = MotionLimits {
+        speed_m_s: 1.5,
+        acceleration_m_s2: 50.0,
+        jerk_m_s3: 3000.0,
+    };
+    let mut scene = Scene::swing(soft_rope(0.12), &task, release_m, &quick, 1.5).unwrap();
     let release_s = scene.score_from_s;
+    scene.settling = Some(Settling {
+        until_s: release_s,
+        rate_per_s: 40.0,
+        still_m_s: 0.0,
+    });
     scene.frame_times_s = [-0.3, -0.01, 0.05, 0.15, 0.3].map(|t| release_s + t).into();
     scene.duration_s = release_s + 0.3;
     scene.step = STEP;

@@ -24,6 +24,7 @@ pub fn settled(
     scene.settling = Some(Settling {
         until_s: rest_s,
         rate_per_s,
+        still_m_s: 0.0,
     });
     scene
 }

@@ -183,6 +183,7 @@ fn a_damped_rollout_comes_near_the_pose_at_rest() {
     scene.settling = Some(Settling {
         until_s: 1.6,
         rate_per_s: 20.0,
+        still_m_s: 0.0,
     });
     let frames = simulate(&scene, &physics).unwrap().frames;
     let miss = |frame: &Vec<[f64; 3]>| {

@@ -56,7 +56,9 @@
 //! A swing looks at its tip in every step and for its fastest particle in every sixteenth; both read single
 //! lanes from memory now, not through the registers' instructions in code that was not compiled for them:
 //! swings take an eighth less time (16.4 to 18.2 per second on two cores over the range of E, 20.3 to 23.2 at
-//! 0.9 MPa, processor time, both binaries in turn on a loaded machine; the aim is 25).
+//! 0.9 MPa, processor time, both binaries in turn on a loaded machine; the aim is 25). That was with a rest of a
+//! quarter of a second before the release. Ropes that fall out of the plane need up to two, and double precision,
+//! to reach as far as they should (`scene.rs`): 8 per second are left at 0.9 MPa, over eleven releases.
 //!
 //! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it

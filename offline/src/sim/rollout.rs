@@ -151,7 +151,8 @@ fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rol
     let setup = Setup::new(scene, physics)?;
     let mut engine: E = setup.hanging_engine()?;
     let mut recorder = Recorder::new(scene);
-    for state in 0..=setup.steps {
+    let mut state = 0;
+    while state <= setup.steps {
         let motions = setup.motions(state);
         setup.sweep(&mut engine, state, &motions)?;
         recorder.record(&engine, state, &setup);
@@ -159,6 +160,7 @@ fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rol
             setup.update_nodes(&mut engine, state);
         }
         recorder.motions = motions;
+        state = setup.after(state, &engine);
     }
     Ok(recorder.finish(&setup))
 }
@@ -219,6 +221,25 @@ impl<'a, T: Real> Setup<'a, T> {
             }
             _ => 1.0,
         }
+    }
+
+    /// The step after one: the next, or where the rope has come to rest the last one of the settling.
+    fn after(&self, step: usize, engine: &impl Engine<T>) -> usize {
+        let next = step + 1;
+        let Some(settling) = self.scene.settling else {
+            return next;
+        };
+        let physics = self.context.physics;
+        let remembers = !(physics.memory_laws.is_empty() && physics.flow_laws.is_empty());
+        if settling.still_m_s == 0.0 || step % CHECK_EVERY != 1 || remembers {
+            return next;
+        }
+        let arrived = |grip: &Grip| grip.path.pose(self.time_s(step)) == grip.path.pose(settling.until_s);
+        if self.scene.grips.iter().all(arrived) && engine.fastest().1 < settling.still_m_s {
+            let last = (settling.until_s / self.context.dt_s) as usize;
+            return next.max(last.min(self.steps));
+        }
+        next
     }
 
     /// Forces per length of the slices during a step.

@@ -39,6 +39,9 @@ pub struct Settling {
     pub until_s: f64,
     /// Rate of decay, 1/s.
     pub rate_per_s: f64,
+    /// Speed below which the rope counts as at rest, m/s. Once nothing moves faster and the grips have arrived,
+    /// the rest of the phase is left out; at zero it never is. Reverse mode leaves nothing out.
+    pub still_m_s: f64,
 }
 
 /// Everything that a rollout needs besides the physics.
@@ -210,7 +213,8 @@ impl Scene {
         Self::swing_with(rope, task, release_m, limits, task.dwell_s, None, cells)
     }
 
-    /// The swing task with a quick, damped approach that ends in the same rest state before release.
+    /// The swing task with a quick, damped approach that ends at rest, where the true one would come to rest. A
+    /// rope that falls out of the plane needs a lean of gravity to begin.
     pub fn swing_settled(
         rope: RopeShape,
         task: &SwingTask,
@@ -273,6 +277,7 @@ impl Scene {
         scene.settling = settle_rate_per_s.map(|rate_per_s| Settling {
             until_s: release_s,
             rate_per_s,
+            still_m_s: STILL_M_S,
         });
         scene.score_from_s = release_s;
         scene.duration_s = release_s + SWING_S;
@@ -430,8 +435,14 @@ impl Scene {
         if let Some(table) = self.table {
             require("table.height_m", table.height_m, table.height_m.is_finite())?;
         }
-        if let Some(Settling { until_s, rate_per_s }) = self.settling {
+        if let Some(Settling {
+            until_s,
+            rate_per_s,
+            still_m_s,
+        }) = self.settling
+        {
             require("settling.until_s", until_s, until_s.is_finite())?;
+            require("settling.still_m_s", still_m_s, still_m_s >= 0.0)?;
             require(
                 "settling.rate_per_s",
                 rate_per_s,
@@ -540,14 +551,22 @@ const STRETCH_ALLOWED: f64 = 0.02;
 const KNOT_S: f64 = 0.004;
 /// Time of the swing that is simulated after release, s: the first forward swing is over by then.
 const SWING_S: f64 = 0.75;
-/// Length of the damped rest before release, s. Quick ways of 0.2 to 0.35 s and 30 to 60 1/s, with the gripper at
-/// 1 or 1.5 m/s, were held against the robot's own slow way for three ropes and four release points: none is
-/// closer than another, all stay within 0.2 mm, by what the slow way still swings. Only near the highest release
-/// points, where a rope may fall out of the plane, more damping holds it up: at 60 1/s it does not fall in time.
-const SETTLE_S: f64 = 0.25;
-/// Damping rate during the quick approach, 1/s: about critical for the slowest mode of a rope of
-/// some tenths of a metre held at both ends.
-const SETTLE_RATE_PER_S: f64 = 40.0;
+/// Longest damped rest before release, s: the robot's own dwell. At 11 of 18 releases spread over the range a
+/// rope of 0.9 MPa falls out of the plane, by 18 to 54 mm, because its ends stand too near one another for it to
+/// stay there; that takes up to a second. It comes to rest in one shape and its mirror image, which reach equally
+/// far, whatever the way there.
+///
+/// Reach against that of the robot's way where it has come to rest (11 releases; E 0.3, 0.9 and 3 MPa; f64): within
+/// 0.1 mm in 25 of 33, at most 0.28 mm, where clamps creep (`clamp.rs`). The robot itself lets go while the rope
+/// still swings after its two seconds: up to 4 mm off, by the moment at which it opens.
+/// With a quarter of a second at 40/s for every rope it was 18 mm at worst; with half a second, 0.7 mm. In f32
+/// fallen ropes never come to rest, and reach up to 2.4 mm further or less.
+const SETTLE_S: f64 = 2.0;
+/// Damping rate during the quick approach, 1/s. At 30/s soft ropes that hardly fall have not fallen in time.
+const SETTLE_RATE_PER_S: f64 = 20.0;
+/// Speed below which the rope has come to rest, m/s: a tenth of that at which the lean of `swing.rs` moves a rope
+/// that nothing holds in its plane.
+const STILL_M_S: f64 = 5e-5;
 
 fn position_of(pose: &[f64; 7]) -> [f64; 3] {
     [pose[0], pose[1], pose[2]]

@@ -63,6 +63,7 @@ fn lifted() -> Result<Vec<Case>, SimError> {
         scene.settling = Some(Settling {
             until_s: end_s,
             rate_per_s: 18.0,
+            still_m_s: 0.0,
         });
         Ok(tip(&scene, &simulate(&scene, &elastic(0.9e6))?.frames[0])[2] - lift_m)
     };
@@ -96,6 +97,7 @@ fn rest_tip_m(
     scene.settling = Some(Settling {
         until_s: end_s,
         rate_per_s: 2.0 * slowest_rad_s,
+        still_m_s: 0.0,
     });
     let end = tip(&scene, &simulate(&scene, &elastic(young_pa))?.frames[0]);
     Ok(std::array::from_fn(|k| end[k] - grip_m * direction[k]))

@@ -37,6 +37,7 @@ fn settle(mut scene: Scene, settled_s: f64, slowest_rad_s: f64) -> Result<Rollou
     scene.settling = Some(Settling {
         until_s: settled_s + 1.0,
         rate_per_s: 2.0 * slowest_rad_s,
+        still_m_s: 0.0,
     });
     scene.frame_times_s = vec![settled_s, settled_s + 1.0];
     scene.duration_s = settled_s + 1.0;

@@ -232,6 +232,7 @@ fn bad_scenes() -> Vec<Case> {
                 s.settling = Some(Settling {
                     until_s: 0.1,
                     rate_per_s: f64::NAN,
+                    still_m_s: 0.0,
                 });
             }),
             "settling.rate_per_s",
