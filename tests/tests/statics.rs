@@ -253,7 +253,9 @@ fn a_pose_in_which_the_rope_would_yield_is_refused() {
         simulate(&scene, &with_effect("yield").physics(&theta, 0.0))
     };
     assert!(pose(0.0).is_ok());
-    let refused = pose(200.0).err().expect("it yields");
+    let Err(refused) = pose(200.0) else {
+        panic!("it does not yield")
+    };
     assert!(
         matches!(refused.cause, Cause::YieldsAtRest { .. }),
         "{refused}: another cause"
