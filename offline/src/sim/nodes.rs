@@ -8,7 +8,7 @@ use super::step::clamp_node;
 use super::tensor::{Vec3, add, mul, scaled};
 use super::transfer::Transfer;
 
-/// Stiffness of the table and what it asks for, per node.
+/// The table's push per node.
 pub const CONTACT_ROWS: usize = 1;
 /// Stiffness of the clamps and what they ask for, per node.
 pub const CLAMP_ROWS: usize = 4;
