@@ -1,5 +1,7 @@
 //! Cholesky factor of a symmetric positive definite band matrix, and solutions with it.
 
+use super::widest::on_widest;
+
 /// A symmetric matrix of which only entries near the diagonal are not zero. Row i holds the columns
 /// i − band to i.
 #[derive(Clone, Debug)]
@@ -26,56 +28,63 @@ impl Band {
         self.rows[i * (self.band + 1) + self.band - (i - j)] += value;
     }
 
+    /// Adds to the entries (i, j), (i, j + 1) and so on, none of which is right of the diagonal.
+    #[inline(always)]
+    pub fn add_row(&mut self, i: usize, j: usize, values: &[f64]) {
+        let first = i * (self.band + 1) + self.band - (i - j);
+        for (entry, value) in self.rows[first..first + values.len()].iter_mut().zip(values) {
+            *entry += value;
+        }
+    }
+
     /// The diagonal entry i.
     pub fn diagonal(&self, i: usize) -> f64 {
         self.rows[i * (self.band + 1) + self.band]
     }
 
-    /// Replaces the matrix by its factor L with L Lᵀ = A; none where it is not positive definite.
-    pub fn cholesky(mut self) -> Option<Factor> {
-        let (band, width) = (self.band, self.band + 1);
-        for i in 0..self.size {
-            let first = i.saturating_sub(band);
-            let (above, from_i) = self.rows.split_at_mut(i * width);
-            let row_i = &mut from_i[..width];
-            for j in first..i {
-                let start = first.max(j.saturating_sub(band));
-                let row_j = &above[j * width..(j + 1) * width];
-                let a = &row_i[start + band - i..j + band - i];
-                let b = &row_j[start + band - j..band];
-                row_i[j + band - i] = (row_i[j + band - i] - dot(a, b)) / row_j[band];
-            }
-            let before = &row_i[first + band - i..band];
-            let pivot = row_i[band] - dot(before, before);
-            if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
-                return None;
-            }
-            row_i[band] = pivot.sqrt();
-        }
-        Some(Factor(self))
+    /// Zeros again.
+    pub fn clear(&mut self) {
+        self.rows.fill(0.0);
     }
 }
 
-/// Four sums at once, which the compiler turns into vector registers.
+/// Eight sums at once, which the compiler turns into vector registers.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a4, a_rest) = a.as_chunks::<4>();
-    let (b4, b_rest) = b.as_chunks::<4>();
-    for (x, y) in a4.iter().zip(b4) {
-        for k in 0..4 {
+    let mut sums = [0.0; 8];
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
+    for (x, y) in a8.iter().zip(b8) {
+        for k in 0..8 {
             sums[k] += x[k] * y[k];
         }
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    sums[0] + sums[1] + sums[2] + sums[3] + rest
+    sums.iter().sum::<f64>() + rest
 }
 
-/// The factor L.
+/// The factor L of a matrix A = L Lᵀ, in memory that is used again.
 #[derive(Clone, Debug)]
 pub struct Factor(Band);
 
 impl Factor {
+    /// Room for the factor of a matrix.
+    pub fn new(size: usize, band: usize) -> Self {
+        Self(Band::new(size, band))
+    }
+
+    /// Factorises a matrix with `more(i)` added to its diagonal. Returns whether that is positive definite; where
+    /// it is not there is no factor.
+    #[must_use]
+    pub fn factorise(&mut self, matrix: &Band, more: impl Fn(usize) -> f64) -> bool {
+        let (rows, width) = (&mut self.0.rows, self.0.band + 1);
+        rows.copy_from_slice(&matrix.rows);
+        for (i, diagonal) in rows.iter_mut().skip(width - 1).step_by(width).enumerate() {
+            *diagonal += more(i);
+        }
+        on_widest!(cholesky(rows: &mut [f64], width: usize) -> bool)
+    }
+
     /// Solves L Lᵀ x = b in place.
     pub fn solve(&self, x: &mut [f64]) {
         let Band { size, band, rows } = &self.0;
@@ -95,6 +104,31 @@ impl Factor {
             }
         }
     }
+}
+
+/// Replaces a band matrix, rows of `width`, by its factor; returns whether it was positive definite.
+#[inline(always)]
+fn cholesky(rows: &mut [f64], width: usize) -> bool {
+    let band = width - 1;
+    for i in 0..rows.len() / width {
+        let first = i.saturating_sub(band);
+        let (above, from_i) = rows.split_at_mut(i * width);
+        let row_i = &mut from_i[..width];
+        for j in first..i {
+            let start = first.max(j.saturating_sub(band));
+            let row_j = &above[j * width..(j + 1) * width];
+            let a = &row_i[start + band - i..j + band - i];
+            let b = &row_j[start + band - j..band];
+            row_i[j + band - i] = (row_i[j + band - i] - dot(a, b)) / row_j[band];
+        }
+        let before = &row_i[first + band - i..band];
+        let pivot = row_i[band] - dot(before, before);
+        if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
+            return false;
+        }
+        row_i[band] = pivot.sqrt();
+    }
+    true
 }
 
 #[cfg(test)]
@@ -122,8 +156,10 @@ mod tests {
         let mut x: Vec<f64> = (0..size).map(|i| dot(&full[i], &truth)).collect();
         let mut negative = a.clone();
         negative.add(9, 9, -40.0);
-        assert!(negative.cholesky().is_none());
-        a.cholesky().expect("diagonally dominant").solve(&mut x);
+        let mut factor = Factor::new(size, band);
+        assert!(!factor.factorise(&negative, |_| 0.0));
+        assert!(factor.factorise(&negative, |i| if i == 9 { 40.0 } else { 0.0 }));
+        factor.solve(&mut x);
         for (x, truth) in x.iter().zip(&truth) {
             assert!((x - truth).abs() < 1e-12);
         }
