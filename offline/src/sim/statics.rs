@@ -67,8 +67,8 @@ pub struct Statics<'a, T: Real> {
     scene: &'a Scene,
     physics: &'a Physics<T>,
     layout: RopeLayout,
-    grid: Grid<f64>,
-    masses_kg: Vec<T>,
+    pub(super) grid: Grid<f64>,
+    pub(super) masses_kg: Vec<T>,
     lame: Lame<T>,
     /// The material, of which nothing is taken down yet.
     material: Material<T>,
@@ -173,7 +173,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
         // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
         // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
-        let swing = (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m;
+        let swing = self.swing_per_s2();
         let mut inertia = FIRST_INERTIA * swing;
         let mut moved_m = f64::INFINITY;
         for _ in 0..MAX_STEPS {
@@ -214,8 +214,13 @@ impl<'a, T: Real> Statics<'a, T> {
         forces
     }
 
+    /// Squared frequency of a pendulum as long as the rope, 1/s².
+    pub(super) fn swing_per_s2(&self) -> f64 {
+        (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m
+    }
+
     /// Where the clamps want each gripped particle.
-    fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
+    pub(super) fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
         let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
         (0..self.layout.particles())
             .map(|p| {
@@ -247,7 +252,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Forces at the nodes, N.
-    fn forces(
+    pub(super) fn forces(
         &self,
         nodes: &[Vec3<T>],
         held: &[Option<Vec3<T>>],
@@ -322,7 +327,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// The elastic tangent matrix with clamps and pins, made positive definite by as much inertia
     /// (1/s², times the nodes' masses) as it takes.
-    fn factor(
+    pub(super) fn factor(
         &self,
         nodes: &[Vec3<T>],
         held: &[Option<Vec3<T>>],
@@ -407,7 +412,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Solves for value and tangents alike, in double precision.
-    fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
+    pub(super) fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
         let size = 3 * forces.len();
         let lanes: Vec<Vec<f64>> = (0..=T::TANGENTS)
             .map(|lane| {
@@ -430,7 +435,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`].
-    fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
+    pub(super) fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
         let mut largest = 0f64;
         for p in 0..self.layout.particles() {
             // The map from nodes to gradients is linear.
@@ -510,11 +515,9 @@ fn add_stiffness(
             std::array::from_fn(|a| std::array::from_fn(|b| std::array::from_fn(|c| dot(slope[a][b][c], g))));
         for (&row, gradient) in at.iter().zip(gradients).filter(|(row, _)| **row >= column) {
             for a in 0..3 {
-                let last = if row == column { a } else { 2 };
-                for c in 0..=last {
-                    let along = (0..3).map(|b| gradient[b] * block[a][b][c]).sum::<f64>();
-                    matrix.add(row + a, column + c, along);
-                }
+                let count = if row == column { a + 1 } else { 3 };
+                let along = |c| (0..3).map(|b| gradient[b] * block[a][b][c]).sum::<f64>();
+                matrix.add_to_row(row + a, column, [0, 1, 2].map(along), count);
             }
         }
     }
@@ -543,7 +546,8 @@ fn stress_slope(f: &Mat3<f64>, lame: &Lame<f64>) -> [[[[f64; 3]; 3]; 3]; 3] {
     pk1.map(|row| row.map(|entry| std::array::from_fn(|c| std::array::from_fn(|d| entry.tangent[3 * c + d]))))
 }
 
-fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
+/// Length of the value, without tangents.
+pub(super) fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
     v.iter().map(|c| c.value().powi(2)).sum::<f64>().sqrt()
 }
 
