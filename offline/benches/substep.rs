@@ -5,12 +5,15 @@
 //! (Linux), also those of the swings, which run on all cores.
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use offline::collect::Swinger;
 use offline::demo::RopeEnd;
+use offline::fit::Resolution;
+use offline::model::Structure;
 use offline::sim::clamp::ClampPath;
-use offline::sim::physics::GRAVITY_M_S2;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, PAPER_CELLS_PER_DIAMETER, Scene, Table};
 use offline::sim::{Dual, Laned, Physics, simulate};
+use offline::swing::SimulatedSwing;
 use rayon::prelude::*;
 use shared::task::SwingTask;
 use std::hint::black_box;
@@ -111,20 +114,27 @@ fn with_tangents<const N: usize>() -> Physics<Dual<f32, N>> {
 /// for E = 0.9 MPa and ν = 0.3 alone.
 fn swings_per_second() -> [f64; 2] {
     const SWINGS: usize = 48;
-    const LEAN_RAD: f64 = 1e-3;
     let releases_m = [[0.1, 0.15], [0.12, 0.12], [0.085, 0.2], [0.14, 0.22]];
-    let scenes = releases_m.map(|release_m| {
-        Scene::swing_settled(rope(0.25), &SwingTask::PAPER, release_m, PAPER_CELLS_PER_DIAMETER)
-            .expect("the swing is possible")
-    });
+    let swing = SimulatedSwing {
+        rope: rope(0.25),
+        task: SwingTask::PAPER,
+        structure: Structure::default(),
+        effect_values: Vec::new(),
+        resolution: Resolution {
+            cells: PAPER_CELLS_PER_DIAMETER,
+        },
+    };
     let rate = |stiffness: &(dyn Fn(f64) -> [f64; 2] + Sync)| {
         let seconds = (0..SWINGS).into_par_iter().map(|i| {
             let [young_pa, poisson] = stiffness(i as f64 / (SWINGS - 1) as f64);
-            let mut physics = Physics::<f64>::base(young_pa, poisson, FRICTION);
-            physics.gravity_m_s2[1] += LEAN_RAD * GRAVITY_M_S2;
             let start = Instant::now();
             let before = on_processor(start);
-            black_box(simulate(&scenes[i % scenes.len()], &physics).expect("the swing runs"));
+            let release_m = releases_m[i % releases_m.len()];
+            black_box(
+                swing
+                    .reach_m(young_pa, poisson, release_m)
+                    .expect("the swing runs"),
+            );
             (on_processor(start) - before).as_secs_f64()
         });
         SWINGS as f64 / seconds.sum::<f64>()

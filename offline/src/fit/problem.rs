@@ -332,6 +332,7 @@ fn rounded(rollout: Rollout<f64>) -> Rollout<f32> {
         grip_forces_n: vectors(rollout.grip_forces_n),
         arc_m: rollout.arc_m,
         reach_m: rollout.reach_m.map(|reach| reach as f32),
+        end: rollout.end,
         steps: rollout.steps,
         dt_s: rollout.dt_s,
     }

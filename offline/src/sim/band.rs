@@ -48,19 +48,30 @@ impl Band {
     }
 }
 
-/// Eight sums at once, which the compiler turns into vector registers.
+/// Sixteen sums at once, which the compiler turns into vector registers.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (a8, a_rest) = a.as_chunks::<8>();
-    let (b8, b_rest) = b.as_chunks::<8>();
-    for (x, y) in a8.iter().zip(b8) {
-        for k in 0..8 {
+    let mut sums = [0.0; 16];
+    let (a16, a_rest) = a.as_chunks::<16>();
+    let (b16, b_rest) = b.as_chunks::<16>();
+    for (x, y) in a16.iter().zip(b16) {
+        for k in 0..16 {
             sums[k] += x[k] * y[k];
         }
     }
+    let mut fours = [0.0; 4];
+    let (a4, a_rest) = a_rest.as_chunks::<4>();
+    let (b4, b_rest) = b_rest.as_chunks::<4>();
+    for (x, y) in a4.iter().zip(b4) {
+        for k in 0..4 {
+            fours[k] += x[k] * y[k];
+        }
+    }
+    for k in 0..4 {
+        fours[k] += (sums[k] + sums[k + 4]) + (sums[k + 8] + sums[k + 12]);
+    }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    sums.iter().sum::<f64>() + rest
+    fours[0] + fours[1] + fours[2] + fours[3] + rest
 }
 
 /// The factor L of a matrix A = L Lᵀ, in memory that is used again.
@@ -110,12 +121,18 @@ impl Factor {
 #[inline(always)]
 fn cholesky(rows: &mut [f64], width: usize) -> bool {
     let band = width - 1;
-    for i in 0..rows.len() / width {
-        let first = i.saturating_sub(band);
+    let size = rows.len() / width;
+    // The first column of each row that is not zero stays the first in the factor.
+    let mut firsts = Vec::with_capacity(size);
+    for i in 0..size {
+        let row = &rows[i * width..(i + 1) * width];
+        let zeros = row.iter().position(|x| *x != 0.0).unwrap_or(band);
+        let first = (i + zeros).saturating_sub(band);
+        firsts.push(first);
         let (above, from_i) = rows.split_at_mut(i * width);
         let row_i = &mut from_i[..width];
         for j in first..i {
-            let start = first.max(j.saturating_sub(band));
+            let start = first.max(firsts[j]);
             let row_j = &above[j * width..(j + 1) * width];
             let a = &row_i[start + band - i..j + band - i];
             let b = &row_j[start + band - j..band];

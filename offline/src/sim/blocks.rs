@@ -4,6 +4,7 @@
 //! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
 //! kind of register ([`Stepped`]), not once per number type.
 
+use super::clamp::KEPT;
 use super::contact::{Footing, Push, push};
 use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
@@ -86,7 +87,7 @@ pub struct Blocks<L: Lanes> {
     pub velocity: Rows<L::Scalar>,
     /// Push of the table, N s.
     pub contact: Rows<L::Scalar>,
-    /// Stiffness of the clamps as a mass, kg, and that times the velocity they ask for.
+    /// Stiffness of the clamps as a mass, kg, and that times the change of velocity they ask for.
     pub clamps: Rows<L::Scalar>,
     /// Whether the table or a clamp acts on a plane in this step.
     pub constrained: Vec<bool>,
@@ -316,14 +317,14 @@ impl<L: Lanes> Blocks<L> {
                 let (value, body) = (&self.bodies[first + member], &self.bodies[own + member]);
                 let (stiffness, change) = (value.mass_kg * springs, body.mass_kg * springs);
                 let offset = &held.offsets_m[member];
-                let velocity = gap(&motion[channel], offset, &body.position_m, per_step);
-                let velocity_value = gap(&motion[0], offset, &value.position_m, per_step);
+                let asked = asked_change(&motion[channel], offset, body, per_step);
+                let asked_value = asked_change(&motion[0], offset, value, per_step);
                 self.transfer
                     .scatter_value(member, change, &mut self.nodes[..width]);
                 for a in 0..3 {
-                    let mut product = stiffness * velocity[a];
+                    let mut product = stiffness * asked[a];
                     if channel > 0 {
-                        product = change.times_plus(velocity_value[a], product);
+                        product = change.times_plus(asked_value[a], product);
                     }
                     let row = &mut self.nodes[(a + 1) * width..(a + 2) * width];
                     self.transfer.scatter_value(member, product, row);
@@ -349,18 +350,23 @@ impl<L: Lanes> Blocks<L> {
     }
 }
 
-/// One channel of what is missing from a gripped particle to its place, times a factor.
+/// One channel of how much a gripped particle's velocity must change to bring it to its place within a step.
 #[inline(always)]
-fn gap<L: Lanes>(motion: &GripMotion<L>, offset_m: &Vec3<L>, position_m: &Vec3<L>, factor: L) -> Vec3<L> {
-    let mut gap = *position_m;
+fn asked_change<L: Lanes>(
+    motion: &GripMotion<L>,
+    offset_m: &Vec3<L>,
+    body: &Body<L>,
+    per_step: L,
+) -> Vec3<L> {
+    let mut change = body.velocity_m_s;
     for a in 0..3 {
-        gap[a] = motion.position_m[a] - position_m[a];
+        let mut gap = motion.position_m[a] - body.position_m[a];
         for b in 0..3 {
-            gap[a] = motion.rotation[a][b].times_plus(offset_m[b], gap[a]);
+            gap = motion.rotation[a][b].times_plus(offset_m[b], gap);
         }
-        gap[a] = gap[a] * factor;
+        change[a] = gap * per_step - body.velocity_m_s[a].scale(KEPT);
     }
-    gap
+    change
 }
 
 /// The first lane whose determinant is not positive.

@@ -4,6 +4,7 @@
 use super::clamp::{RigidMotion, grip_forces_n};
 use super::error::Cause;
 use super::grid::{Grid, GridSpec};
+use super::legs::Placed;
 use super::material::Material;
 use super::real::Real;
 use super::rope::RopeLayout;
@@ -50,6 +51,8 @@ pub(super) trait Engine<T> {
     fn slice_x(&self, slice: usize) -> T;
     /// A member of a slice and its velocity, m and m/s.
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
+    /// Where a member of a slice is.
+    fn placed(&self, slice: usize, member: usize) -> Placed;
 }
 
 /// One particle after the other.
@@ -146,5 +149,12 @@ impl<T: Real> Engine<T> for OneByOne<T> {
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>) {
         let particle = &self.particles[slice * self.section + member];
         (particle.position_m, particle.velocity_m_s)
+    }
+    fn placed(&self, slice: usize, member: usize) -> Placed {
+        let particle = &self.particles[slice * self.section + member];
+        Placed {
+            position_m: value3(particle.position_m),
+            deformation_gradient: particle.deformation_gradient.map(value3),
+        }
     }
 }

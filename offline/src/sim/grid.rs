@@ -55,8 +55,8 @@ pub struct Grid<T: Real> {
     pub velocities_m_s: Vec<T::Packed>,
     /// Impulse per node in the step at hand, N s.
     pub impulses: Vec<T::Packed>,
-    /// Stiffness of the clamps per node as an equivalent mass, and that mass times the velocity
-    /// which the clamps ask for.
+    /// Stiffness of the clamps per node as an equivalent mass, and that mass times the change of
+    /// velocity which the clamps ask for.
     pub clamps: Vec<[T; 4]>,
     /// The table's push upward per node in the step at hand, N s.
     pub contact: Vec<T>,

@@ -11,13 +11,19 @@ use super::step::Particle;
 use super::tensor::{Vec3, add, scaled, sub, zero3};
 use rayon::prelude::*;
 
-/// Brings the particles to where the scene starts, if the rope hangs there. Returns the velocities of
+/// Brings the particles to where the scene starts, if the rope does not lie straight there. Returns the velocities of
 /// the nodes, m/s, if it moves.
 pub(super) fn hang<T: Real>(
     scene: &Scene,
     physics: &Physics<T>,
     particles: &mut [Particle<T>],
 ) -> Result<Option<Nodes<T>>, Cause> {
+    if let Start::Placed(placed) = &scene.start {
+        for (particle, at) in particles.iter_mut().zip(placed) {
+            particle.position_m = at.position_m.map(T::of);
+            particle.deformation_gradient = at.deformation_gradient.map(|row| row.map(T::of));
+        }
+    }
     let Some(hang) = scene.start.hang() else {
         return Ok(None);
     };
@@ -85,6 +91,7 @@ pub(super) fn hang_still<T: Real>(
         grip_forces_n: Vec::with_capacity(found.len()),
         arc_m: layout.slices.iter().map(|s| s.arc_m).collect(),
         reach_m: None,
+        end: Vec::new(),
         steps: 0,
         dt_s: 0.0,
     };

@@ -54,11 +54,11 @@
 //! not 6; the aim of 6 was set for a rollout of 50 ns, and in those terms they cost 5.6.
 //!
 //! A swing looks at its tip in every step and for its fastest particle in every sixteenth; both read single
-//! lanes from memory now, not through the registers' instructions in code that was not compiled for them:
-//! swings take an eighth less time (16.4 to 18.2 per second on two cores over the range of E, 20.3 to 23.2 at
-//! 0.9 MPa, processor time, both binaries in turn on a loaded machine; the aim is 25). That was with a rest of a
-//! quarter of a second before the release. Ropes that fall out of the plane need up to two, and double precision,
-//! to reach as far as they should (`scene.rs`): 8 per second are left at 0.9 MPa, over eleven releases.
+//! lanes from memory, not through the registers' instructions in code that was not compiled for them: an eighth
+//! less time. Most of a swing's time was its settling: ropes that fall out of the plane need up to two seconds and
+//! double precision to come to rest, 0.20 s of one core at 0.9 MPa. Now half a second in single precision brings the
+//! rope near its rest, whose nodes are then solved for ([`rest`]): 0.09 s, within 0.021 mm of the true approach come
+//! to rest at all of 33 releases (`swing.rs`; both figures on a loaded machine, by turns).
 //!
 //! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it
@@ -67,6 +67,9 @@
 //! What did not pay:
 //! - *Ending a swing early*, once the reach has not grown for 0.1 s and the rope moves back as a whole:
 //!   a quarter fewer steps, but of 193 random swings some reached further later, one by 0.32 m.
+//! - *Settling in single precision* with only its end in double: a fifth less time than in double, 8 of 33 swings
+//!   more than 0.1 mm off, because half a second of double does not undo what single left over.
+//! - *A rod* instead of the settling: most releases are out of its plane.
 //!
 //! The step depends on the parameters, and tangents hold it fixed. A scene can therefore fix its step
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
@@ -86,10 +89,12 @@ mod hanging;
 pub mod kernel;
 pub mod lanes;
 mod laws;
+pub mod legs;
 pub mod material;
 mod nodes;
 pub mod physics;
 pub mod real;
+pub mod rest;
 pub mod rollout;
 pub mod rope;
 pub mod scene;

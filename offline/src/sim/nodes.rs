@@ -10,7 +10,7 @@ use super::transfer::Transfer;
 
 /// The table's push per node.
 pub const CONTACT_ROWS: usize = 1;
-/// Stiffness of the clamps and what they ask for, per node.
+/// Stiffness of the clamps and what change of velocity they ask for, per node.
 pub const CLAMP_ROWS: usize = 4;
 
 /// Numbers at the nodes: channel, plane, row, node. A row is one component of a vector.
@@ -189,7 +189,7 @@ pub fn update<T: Laned, I: Instructions>(
                 let [x, y, z] = blocks.clamps.read_vector::<T, I>(plane, 1, node);
                 let clamp = [blocks.clamps.read::<T, I>(plane, 0, node), x, y, z];
                 velocity = rub(velocity, push, friction);
-                velocity = clamp_node(velocity, mass, &clamp);
+                velocity = clamp_node(velocity, before, mass, &clamp);
             }
             for a in 0..3 {
                 blocks.velocity.write::<T, I>(plane, a, node, &velocity[a]);

@@ -254,6 +254,11 @@ impl<T: Real> Physics<T> {
             && self.memory_laws.is_empty())
     }
 
+    /// Whether the material remembers how it came to where it is.
+    pub fn remembers(&self) -> bool {
+        !(self.memory_laws.is_empty() && self.flow_laws.is_empty())
+    }
+
     /// Rolls the rope about its axis before it is gripped, right-handed: what its material brings along
     /// turns with it.
     pub fn roll(&mut self, roll_rad: f64) {

@@ -7,7 +7,8 @@ use super::error::{Cause, SimError};
 use super::hanging::{hang, hang_still};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
-use super::lanes::{Instructions, Laned, Portable};
+use super::lanes::{Laned, Portable};
+use super::legs::{Placed, placed};
 use super::material::Material;
 use super::physics::{Mouth, Physics, Pose};
 use super::real::Real;
@@ -35,6 +36,8 @@ pub struct Rollout<T> {
     pub arc_m: Vec<f64>,
     /// Largest x of the free tip since [`Scene::score_from_s`], m.
     pub reach_m: Option<T>,
+    /// Every particle at the end, slice by slice.
+    pub end: Vec<Placed>,
     /// Number of steps.
     pub steps: usize,
     /// Time step, s.
@@ -112,7 +115,7 @@ pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout
             return unsafe { run_avx2(scene, physics) };
         }
     }
-    run_lanes::<T, Portable>(scene, physics)
+    run::<T, Sweep<T, Portable>>(scene, physics)
 }
 
 /// The same simulation, one particle after the other: slow and easy to read. It is what tests hold
@@ -127,18 +130,13 @@ pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Resu
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 unsafe fn run_avx512<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run_lanes::<T, Avx512>(scene, physics)
+    run::<T, Sweep<T, Avx512>>(scene, physics)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 unsafe fn run_avx2<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run_lanes::<T, Avx2>(scene, physics)
-}
-
-#[inline(always)]
-fn run_lanes<T: Laned, I: Instructions>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, Sweep<T, I>>(scene, physics)
+    run::<T, Sweep<T, Avx2>>(scene, physics)
 }
 
 #[inline(always)]
@@ -162,7 +160,10 @@ fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rol
         recorder.motions = motions;
         state = setup.after(state, &engine);
     }
-    Ok(recorder.finish(&setup))
+    Ok(Rollout {
+        end: placed(&engine, setup.context.section),
+        ..recorder.finish(&setup)
+    })
 }
 
 /// What a rollout fixes before its first step.
@@ -229,9 +230,7 @@ impl<'a, T: Real> Setup<'a, T> {
         let Some(settling) = self.scene.settling else {
             return next;
         };
-        let physics = self.context.physics;
-        let remembers = !(physics.memory_laws.is_empty() && physics.flow_laws.is_empty());
-        if settling.still_m_s == 0.0 || step % CHECK_EVERY != 1 || remembers {
+        if settling.still_m_s == 0.0 || step % CHECK_EVERY != 1 || self.context.physics.remembers() {
             return next;
         }
         let arrived = |grip: &Grip| grip.path.pose(self.time_s(step)) == grip.path.pose(settling.until_s);
@@ -565,6 +564,7 @@ impl<'a, T: Real> Recorder<'a, T> {
             particles: std::mem::take(&mut self.particles),
             arc_m: setup.layout.slices.iter().map(|s| s.arc_m).collect(),
             reach_m: self.reach_m,
+            end: Vec::new(),
             steps: setup.steps,
             dt_s: setup.context.dt_s,
         }

@@ -1,6 +1,7 @@
 //! How the rope is when a scene begins, and the poses of scenes that have no time.
 
 use super::curve::{Curve, turned};
+use super::legs::Placed;
 use super::rollout::perpendicular;
 use super::rope::RopeShape;
 use super::scene::Grip;
@@ -17,6 +18,8 @@ pub enum Start {
     Rest(Hang),
     /// In motion: the shape of the first of two poses, with the velocity that leads to the second.
     Moving(Hang),
+    /// At rest, each particle where it is said, slice by slice.
+    Placed(Vec<Placed>),
     /// Nothing moves at all: each frame is a pose at rest.
     Poses(Hang),
 }
@@ -75,7 +78,7 @@ impl Start {
     /// The poses, if the rope hangs.
     pub fn hang(&self) -> Option<&Hang> {
         match self {
-            Self::Straight => None,
+            Self::Straight | Self::Placed(_) => None,
             Self::Rest(hang) | Self::Moving(hang) | Self::Poses(hang) => Some(hang),
         }
     }

@@ -72,8 +72,8 @@ pub struct Statics<'a, T: Real> {
     scene: &'a Scene,
     physics: &'a Physics<T>,
     layout: RopeLayout,
-    grid: Grid<f64>,
-    masses_kg: Vec<T>,
+    pub(super) grid: Grid<f64>,
+    pub(super) masses_kg: Vec<T>,
     lame: Lame<T>,
     /// The material, of which nothing is taken down yet.
     material: Material<T>,
@@ -82,6 +82,15 @@ pub struct Statics<'a, T: Real> {
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
+}
+
+/// A pin as a row of node weights.
+type PinRow = (Pin, Vec<(usize, f64)>);
+
+/// The matrices of a search for a rest state, in memory that is used again.
+pub(super) struct Matrices {
+    tangent: Band,
+    pub(super) factor: Factor,
 }
 
 /// Positions of the nodes, m.
@@ -178,16 +187,14 @@ impl<'a, T: Real> Statics<'a, T> {
         let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
         // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
         // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
-        let swing = (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m;
+        let swing = self.swing_per_s2();
         let mut inertia = FIRST_INERTIA * swing;
         let mut moved_m = f64::INFINITY;
-        let mut matrix = Band::new(3 * nodes.len(), self.band);
-        let mut factor = Factor::new(3 * nodes.len(), self.band);
+        let mut matrices = self.matrices();
         for _ in 0..MAX_STEPS {
             let forces = self.forces(&nodes, &held, &pins)?;
-            self.fill_tangent(&mut matrix, &nodes, &held, &pins);
-            self.factorise(&matrix, &mut factor, &mut inertia, swing)?;
-            let step = self.newton_step(&factor, &forces);
+            self.factorise(&mut matrices, (&nodes, &held, &pins), &mut inertia, swing)?;
+            let step = self.newton_step(&matrices.factor, &forces);
             let share = self.admissible_share(&nodes, &step);
             for (node, change) in nodes.iter_mut().zip(&step) {
                 *node = add(*node, scaled(*change, share));
@@ -222,8 +229,13 @@ impl<'a, T: Real> Statics<'a, T> {
         forces
     }
 
+    /// Squared frequency of a pendulum as long as the rope, 1/s².
+    pub(super) fn swing_per_s2(&self) -> f64 {
+        (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m
+    }
+
     /// Where the clamps want each gripped particle.
-    fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
+    pub(super) fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
         let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
         (0..self.layout.particles())
             .map(|p| {
@@ -234,7 +246,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Each pin as a row of node weights.
-    fn pin_rows(&self, pins: &[Pin]) -> Vec<(Pin, Vec<(usize, f64)>)> {
+    fn pin_rows(&self, pins: &[Pin]) -> Vec<PinRow> {
         let arcs: Vec<f64> = self.layout.slices.iter().map(|s| s.arc_m).collect();
         let members = self.layout.section_m.len();
         pins.iter()
@@ -255,11 +267,11 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Forces at the nodes, N.
-    fn forces(
+    pub(super) fn forces(
         &self,
         nodes: &[Vec3<T>],
         held: &[Option<Vec3<T>>],
-        pins: &[(Pin, Vec<(usize, f64)>)],
+        pins: &[PinRow],
     ) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         let mut forces = vec![zero3(); nodes.len()];
@@ -328,22 +340,32 @@ impl<'a, T: Real> Statics<'a, T> {
         self.physics.force_n(&point)
     }
 
-    /// The factor of the elastic tangent matrix with clamps and pins, made positive definite by as much inertia
+    /// Room for the matrices of a search.
+    pub(super) fn matrices(&self) -> Matrices {
+        let size = 3 * self.place.len();
+        Matrices {
+            tangent: Band::new(size, self.band),
+            factor: Factor::new(size, self.band),
+        }
+    }
+
+    /// Factorises the elastic tangent matrix with clamps and pins, made positive definite by as much inertia
     /// (1/s², times the nodes' masses) as it takes.
-    fn factorise(
+    pub(super) fn factorise(
         &self,
-        matrix: &Band,
-        factor: &mut Factor,
+        Matrices { tangent, factor }: &mut Matrices,
+        (nodes, held, pins): (&[Vec3<T>], &[Option<Vec3<T>>], &[PinRow]),
         inertia: &mut f64,
         inertia_least: f64,
     ) -> Result<(), Cause> {
+        self.fill_tangent(tangent, nodes, held, pins);
         let mut mass_kg = vec![0.0; self.place.len()];
         for (place, mass) in self.place.iter().zip(&self.grid.mass_kg) {
             mass_kg[*place] = *mass;
         }
         while inertia.is_finite() {
-            let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * matrix.diagonal(at);
-            if factor.factorise(matrix, more) {
+            let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
+            if factor.factorise(tangent, more) {
                 return Ok(());
             }
             *inertia = (4.0 * *inertia).max(inertia_least);
@@ -351,13 +373,7 @@ impl<'a, T: Real> Statics<'a, T> {
         Err(Cause::NonFinite { particle: 0 })
     }
 
-    fn fill_tangent(
-        &self,
-        matrix: &mut Band,
-        nodes: &[Vec3<T>],
-        held: &[Option<Vec3<T>>],
-        pins: &[(Pin, Vec<(usize, f64)>)],
-    ) {
+    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], held: &[Option<Vec3<T>>], pins: &[PinRow]) {
         matrix.clear();
         let lame = Lame {
             mu: self.lame.mu.value(),
@@ -405,7 +421,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Solves for value and tangents alike, in double precision.
-    fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
+    pub(super) fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
         let size = 3 * forces.len();
         let lanes: Vec<Vec<f64>> = (0..=T::TANGENTS)
             .map(|lane| {
@@ -429,7 +445,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`] and takes no more than
     /// [`VOLUME_KEPT`] of any particle's volume.
-    fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
+    pub(super) fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
         let values = |f: Mat3<T>| f.map(|row| row.map(T::value));
         // The map from nodes to gradients is linear.
         let moves: Vec<[Mat3<f64>; 2]> = (0..self.layout.particles())
@@ -566,7 +582,8 @@ fn stress_slope(f: &Mat3<f64>, lame: &Lame<f64>) -> [[[[f64; 3]; 3]; 3]; 3] {
     pk1.map(|row| row.map(|entry| std::array::from_fn(|c| std::array::from_fn(|d| entry.tangent[3 * c + d]))))
 }
 
-fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
+/// Length of the value, without tangents.
+pub(super) fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
     v.iter().map(|c| c.value().powi(2)).sum::<f64>().sqrt()
 }
 

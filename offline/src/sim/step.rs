@@ -1,6 +1,6 @@
 //! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
-use super::clamp::RigidMotion;
+use super::clamp::{KEPT, RigidMotion};
 use super::contact::{Contact, Footing, push, rub};
 use super::elastic::{Lame, Straining};
 use super::error::Cause;
@@ -125,8 +125,8 @@ pub fn particles_to_grid<T: Real>(
         let mut field = impulse_field(particle, material, context, grid.spacing_m, index)?;
         add_momentum(particle, carried, &mut field);
         scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.impulses);
-        if let Some((stiffness, velocity)) = clamp_target(particle, motions, context) {
-            scatter_clamp(index, stiffness, velocity, grid);
+        if let Some((stiffness, change)) = clamp_target(particle, motions, context) {
+            scatter_clamp(index, stiffness, change, grid);
         }
     }
     if let Some(table) = &context.table {
@@ -209,8 +209,8 @@ pub fn inverted_or_not_finite(particle: usize, det: f64) -> Cause {
     }
 }
 
-/// Stiffness of a gripped particle's spring as a mass, κ m, and the velocity that would bring it to
-/// its place within the step.
+/// Stiffness of a gripped particle's spring as a mass, κ m, and how much its velocity, as far as it is
+/// kept, must change to bring it to its place within the step.
 #[inline(always)]
 pub(super) fn clamp_target<T: Real>(
     particle: &Particle<T>,
@@ -221,7 +221,11 @@ pub(super) fn clamp_target<T: Real>(
     let motion = motions[grip].as_ref()?;
     let gap = sub(motion.place(offset_m), particle.position_m);
     let stiffness = particle.mass_kg.scale(context.clamp_stiffness);
-    Some((stiffness, scaled(gap, 1.0 / context.dt_s)))
+    let asked = sub(
+        scaled(gap, 1.0 / context.dt_s),
+        scaled(particle.velocity_m_s, KEPT),
+    );
+    Some((stiffness, asked))
 }
 
 #[inline(always)]
@@ -261,7 +265,7 @@ pub(super) fn scatter<T: Real>(
 }
 
 /// Adds a gripped particle's spring to the clamps' share of its nodes.
-pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<T>, grid: &mut Grid<T>) {
+pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, change: Vec3<T>, grid: &mut Grid<T>) {
     grid.constrained = true;
     let link = &grid.links[index];
     for entry in 0..STENCIL {
@@ -269,7 +273,7 @@ pub(super) fn scatter_clamp<T: Real>(index: usize, stiffness: T, velocity: Vec3<
         let node = &mut grid.clamps[link.slots[entry] as usize];
         node[0] += share;
         for k in 0..3 {
-            node[k + 1] += velocity[k] * share;
+            node[k + 1] += change[k] * share;
         }
     }
 }
@@ -313,24 +317,26 @@ pub fn update_nodes<T: Real>(grid: &mut Grid<T>, context: &StepContext<T>, decay
     let kept = decay * (1.0 - context.forgotten);
     for index in 0..grid.velocities_m_s.len() {
         let change = mul(T::unpack(grid.impulses[index]), grid.inverse_mass[index]);
-        let kept = scaled(T::unpack(grid.velocities_m_s[index]), kept);
-        let mut velocity = add(add(kept, change), fall);
+        let before = T::unpack(grid.velocities_m_s[index]);
+        let mut velocity = add(add(scaled(before, kept), change), fall);
         if grid.constrained {
             let push = grid.contact[index] * grid.inverse_mass[index];
             velocity = rub(velocity, push, context.physics.friction);
-            velocity = clamp_node(velocity, grid.mass_kg[index], &grid.clamps[index]);
+            velocity = clamp_node(velocity, before, grid.mass_kg[index], &grid.clamps[index]);
         }
         grid.velocities_m_s[index] = T::pack(velocity);
     }
 }
 
-/// Implicit springs: (m v + K v_clamp) / (m + K).
+/// Implicit springs: (m v + q K u + Σ K_p (gap/dt − q u_p))/(m + K), with the velocity u of the node `before`
+/// the step, what the particles make of it, u_p, and the share q ([`KEPT`]).
 #[inline(always)]
-pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
+pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, before: Vec3<T>, mass: T, clamp: &[T; 4]) -> Vec3<T> {
     let [stiffness, px, py, pz] = *clamp;
     let held = stiffness.exceeds(T::zero());
     let inverse = T::one() / (mass + stiffness);
-    let asked = mul(add(mul(velocity, mass), [px, py, pz]), inverse);
+    let asked = add(scaled(mul(before, stiffness), KEPT), [px, py, pz]);
+    let asked = mul(add(mul(velocity, mass), asked), inverse);
     [
         T::select(held, asked[0], velocity[0]),
         T::select(held, asked[1], velocity[1]),

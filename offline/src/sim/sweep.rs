@@ -15,6 +15,7 @@ use super::error::Cause;
 use super::grid::GridSpec;
 use super::lanes::{Instructions, Laned, Lanes};
 use super::laws::Laws;
+use super::legs::Placed;
 use super::material::Material;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, NodeMasses, Rows, Update, update};
 use super::real::{Arithmetic, Real};
@@ -312,6 +313,17 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
             std::array::from_fn(|a| T::from_channels(|k| body(k).position_m[a].lane(lane))),
             std::array::from_fn(|a| T::from_channels(|k| body(k).velocity_m_s[a].lane(lane))),
         )
+    }
+
+    fn placed(&self, slice: usize, member: usize) -> Placed {
+        let members = self.blocks.transfer.members.len();
+        let (block, lane) = (slice / Self::COUNT, slice % Self::COUNT);
+        let body = &self.blocks.bodies[block * T::CHANNELS * members + member];
+        let values = |v: &Vec3<T::Plain<I>>| v.map(|x| x.lane(lane).value());
+        Placed {
+            position_m: values(&body.position_m),
+            deformation_gradient: [0, 1, 2].map(|a| values(&body.deformation_gradient[a])),
+        }
     }
 }
 

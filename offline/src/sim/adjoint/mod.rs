@@ -48,6 +48,7 @@ use super::physics::Physics;
 use super::real::{Float, Real};
 use super::rollout::{Recorder, Rollout, Setup};
 use super::scene::Scene;
+use super::start::Start;
 use super::sweep::Sweep;
 use super::tensor::Vec3;
 use plan::Plan;
@@ -168,7 +169,7 @@ fn run<F: Precision, M: Family, I: Instructions>(
         return Err(SimError::at_start(Cause::OneWay));
     }
     let setup = Setup::new(scene, &physics)?;
-    if scene.start.hang().is_some() {
+    if !matches!(scene.start, Start::Straight) {
         // The start itself would depend on the parameters.
         return Err(SimError::at_start(super::Cause::HangsAtStart));
     }

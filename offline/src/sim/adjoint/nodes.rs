@@ -4,13 +4,16 @@
 //! springs of clamps and table are linear, and friction takes a known amount along a known direction.
 
 use super::Precision;
-use crate::sim::tensor::{Vec3, dot, mul, scaled, sub};
+use crate::sim::clamp::KEPT;
+use crate::sim::tensor::{Vec3, add, dot, mul, scaled, sub};
 
 /// What acts on a node.
 pub(super) struct NodeForces<'a, F> {
     pub(super) mass: F,
-    /// Stiffness of the clamps as a mass, and that times the velocity they ask for.
+    /// Stiffness of the clamps as a mass, and that times the change of velocity they ask for.
     pub(super) clamp: &'a [F; 4],
+    /// Velocity of the node before the step.
+    pub(super) start: Vec3<F>,
     /// The table's push upward, N s.
     pub(super) contact: F,
     pub(super) friction: F,
@@ -21,6 +24,8 @@ pub(super) struct NodeCotangent<F> {
     /// The velocity before table and clamps, and what it was.
     pub(super) velocity: Vec3<F>,
     pub(super) before: Vec3<F>,
+    /// The velocity before the step, as far as the clamps hold on to it.
+    pub(super) start: Vec3<F>,
     pub(super) mass: F,
     pub(super) clamp: [F; 4],
     pub(super) contact: F,
@@ -35,6 +40,7 @@ impl<F: Precision> NodeForces<'_, F> {
         let mut out = NodeCotangent {
             velocity: bar,
             before: after,
+            start: [zero; 3],
             mass: zero,
             clamp: [zero; 4],
             contact: zero,
@@ -49,15 +55,17 @@ impl<F: Precision> NodeForces<'_, F> {
         out
     }
 
-    /// v' = (m v + K v_c)/(m + K), undone and differentiated.
+    /// v' = (m v + q K u + p)/(m + K), undone and differentiated; u is the velocity before the step.
     fn pull_back_clamp(&self, out: &mut NodeCotangent<F>) {
         let [stiffness, px, py, pz] = *self.clamp;
         let after = out.before;
         let total = self.mass + stiffness;
-        let asked = [px, py, pz];
+        let start = scaled(self.start, KEPT);
+        let asked = add([px, py, pz], mul(start, stiffness));
         let before = mul(sub(mul(after, total), asked), F::one() / self.mass);
         let bar = mul(out.velocity, F::one() / total);
-        out.clamp = [-dot(bar, after), bar[0], bar[1], bar[2]];
+        out.clamp = [dot(bar, sub(start, after)), bar[0], bar[1], bar[2]];
+        out.start = scaled(mul(bar, stiffness), KEPT);
         out.mass += dot(bar, sub(before, after));
         out.velocity = mul(bar, self.mass);
         out.before = before;
@@ -121,7 +129,7 @@ pub(super) fn pull_back_free<F: Precision>(
     fall: Vec3<F>,
     kept: f64,
 ) -> FreeCotangent<F> {
-    let velocity = scaled(cotangent.velocity, kept);
+    let velocity = add(scaled(cotangent.velocity, kept), cotangent.start);
     let impulse = mul(cotangent.velocity, inverse_mass);
     // What the impulse did, n/M.
     let pushed = sub(sub(cotangent.before, fall), scaled(before, kept));

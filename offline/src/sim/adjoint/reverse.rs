@@ -9,7 +9,7 @@ use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
 use crate::sim::blocks::{Part, Stepped};
-use crate::sim::clamp::RigidMotion;
+use crate::sim::clamp::{KEPT, RigidMotion};
 use crate::sim::elastic::Straining;
 use crate::sim::error::SimError;
 use crate::sim::lanes::{Instructions, Lanes};
@@ -302,13 +302,14 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         if mass.value() == 0.0 {
             return;
         }
+        let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
         let forces = NodeForces {
             mass,
             clamp: &std::array::from_fn(|row| nodes.clamps.channel(0)[at(CLAMP_ROWS, row)]),
+            start: vector(before),
             contact: nodes.contact.channel(0)[at(CONTACT_ROWS, 0)],
             friction: context.physics.friction,
         };
-        let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
         let bar = forces.pull_back(vector(after), vector(&self.node_bars));
         let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
         let inverse = masses.inverse.channel(0)[at(1, 0)];
@@ -472,18 +473,21 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 };
                 let stiffness = body.mass_kg * springs;
                 let mut by_mass = row(0);
+                let mut velocity = body.velocity_m_s;
                 let place: Vec3<F::Plain<I>> = std::array::from_fn(|a| {
                     let bar = row(a + 1);
                     let mut gap = splat(motion.position_m[a]) - body.position_m[a];
                     for b in 0..3 {
                         gap = splat(motion.rotation[a][b]).times_plus(offset[b], gap);
                     }
-                    by_mass += bar * gap * per_step;
+                    by_mass += bar * (gap * per_step - body.velocity_m_s[a].scale(KEPT));
+                    velocity[a] = (bar * stiffness).scale(KEPT);
                     bar * stiffness * per_step
                 });
                 of_motions[grip].add(place, offset);
                 for a in 0..3 {
                     self.bars[index].position[a] -= place[a];
+                    self.bars[index].velocity[a] -= velocity[a];
                 }
                 if self.weighed {
                     self.add_to_masses(block, member, by_mass * springs);
