@@ -52,6 +52,8 @@ pub struct Pose {
 /// frequency.
 const FIRST_INERTIA: f64 = 100.0;
 const LAST_INERTIA: f64 = 0.1;
+/// What a step that needs no shortening leaves of the inertia.
+const INERTIA_DECAY: f64 = 0.1;
 /// Most steps of Newton's method.
 const MAX_STEPS: usize = 120;
 /// Largest change of a deformation gradient in one step.
@@ -203,7 +205,7 @@ impl<'a, T: Real> Statics<'a, T> {
             inertia = match (share < 1.0, inertia < LAST_INERTIA * swing) {
                 (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
                 (false, true) => 0.0,
-                (false, false) => 0.3 * inertia,
+                (false, false) => INERTIA_DECAY * inertia,
             };
             moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
             if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
