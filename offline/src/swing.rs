@@ -3,7 +3,6 @@
 use crate::collect::{SwingRefusal, Swinger};
 use crate::fit::Resolution;
 use crate::model::Structure;
-use crate::sim::legs::Placed;
 use crate::sim::physics::GRAVITY_M_S2;
 use crate::sim::rest::rest_near;
 use crate::sim::rope::RopeShape;
