@@ -132,6 +132,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
             table: ScoreTable {
                 scores: Vec::new(),
                 discretisation_mm: 0.0,
+                untested: Vec::new(),
             },
             refits: vec![Refit {
                 effect: effect(rival.0),

@@ -262,6 +262,24 @@ fn a_pose_in_which_the_rope_would_yield_is_refused() {
     );
 }
 
+/// A soft rope held upright at several angles yields at the smallest size that is tried: that effect has no slope,
+/// the others have.
+#[test]
+fn an_effect_that_cannot_be_tried_costs_only_itself() {
+    let demo = CABLE.poses(&[0.2, 0.4, 0.6, 0.8, 1.0, 1.2], &[0.5, 1.0]);
+    let problem = Problem::new(&[&demo], Resolution { cells: CELLS }).unwrap();
+    let [yields, tip_mass] = ["yield", "tip_mass"].map(|id| offline::effects::find(id).unwrap());
+    let theta = [(0.2 * CABLE.young_pa).ln(), 0.3];
+    let library = problem
+        .library(&Structure::default(), &theta, &[yields, tip_mass])
+        .unwrap();
+    assert_eq!(library.structure.effects, [tip_mass]);
+    assert_eq!(library.evaluation.jacobian.ncols(), 3);
+    assert!(library.evaluation.jacobian.column(2).norm() > 0.0);
+    let failed: Vec<usize> = library.failed.iter().map(|(effect, _)| *effect).collect();
+    assert_eq!(failed, [yields]);
+}
+
 #[test]
 fn tangents_of_a_pose_are_its_differences() {
     let demo = CABLE.poses(&[0.6], &[0.5, 1.0]);

@@ -1,7 +1,7 @@
 //! What the rounds amount to: the verdict, and the reasons for caution.
 
 use super::gates::excess_removed;
-use super::rounds::Round;
+use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
 use crate::fit::{Evaluation, FitResult};
@@ -147,7 +147,7 @@ fn hint(evaluation: &Evaluation) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rounds::Refit;
+    use super::super::round::Refit;
     use super::super::score::ScoreTable;
     use super::*;
     use crate::fit::{StopReason, estimates};
@@ -188,6 +188,7 @@ mod tests {
             table: ScoreTable {
                 scores: Vec::new(),
                 discretisation_mm,
+                untested: Vec::new(),
             },
             refits: vec![Refit {
                 effect: 0,

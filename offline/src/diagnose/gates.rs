@@ -1,6 +1,7 @@
 //! The gates that an effect has to pass before it is declared.
 
-use super::rounds::{LoopOptions, Refit};
+use super::round::Refit;
+use super::rounds::LoopOptions;
 use super::score::Score;
 use crate::effects;
 use crate::residual::ResidualSummary;

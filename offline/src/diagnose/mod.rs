@@ -10,6 +10,7 @@ mod conclude;
 mod gates;
 mod next;
 mod noise;
+mod round;
 mod rounds;
 mod score;
 mod verdict;
@@ -20,6 +21,7 @@ pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
 };
 pub use noise::Noise;
-pub use rounds::{Library, LoopOptions, Outcome, Part, Refit, Round, close_loop, problems};
-pub use score::{Score, ScoreTable};
+pub use round::{Refit, Round};
+pub use rounds::{LoopOptions, Outcome, Part, close_loop, problems};
+pub use score::{Score, ScoreTable, Untested};
 pub use verdict::{ReasonCode, Verdict};

@@ -51,6 +51,18 @@ pub struct ScoreTable {
     pub scores: Vec<Score>,
     /// Root mean square of the estimated discretisation error after the base fit, mm.
     pub discretisation_mm: f64,
+    /// Effects that these demonstrations could not be tried with.
+    #[serde(default)]
+    pub untested: Vec<Untested>,
+}
+
+/// An effect without a score.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Untested {
+    /// Name of the effect.
+    pub id: String,
+    /// Why it could not be tried.
+    pub why: String,
 }
 
 /// Number of pseudo-data sets.
@@ -201,6 +213,7 @@ impl ScoreProblem {
         ScoreTable {
             scores,
             discretisation_mm,
+            untested: Vec::new(),
         }
     }
 

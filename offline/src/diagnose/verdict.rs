@@ -48,7 +48,7 @@ pub enum ReasonCode {
     NoPureError,
     /// One demonstration: repeatability is untested.
     OneDemonstration,
-    /// No other demonstration was held out; blocks of time were.
+    /// No other demonstration was held out; the last part of the same was, or every third of its poses at rest.
     HeldOutInTime,
 }
 
@@ -60,7 +60,9 @@ impl fmt::Display for ReasonCode {
             Self::Numerical => "NUMERICAL: what is left is of the size of the discretisation error",
             Self::NoPureError => "NO PURE ERROR: the noise is as declared, it could not be measured at rest",
             Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",
-            Self::HeldOutInTime => "HELD OUT IN TIME: checked on the last part of the same demonstration",
+            Self::HeldOutInTime => {
+                "HELD OUT IN TIME: checked on frames of the same demonstration that were not fitted"
+            }
         })
     }
 }

@@ -1,7 +1,8 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
-use super::sensitivity::flows;
+use super::sensitivity::{Trace, flows};
 use crate::demo::Demo;
+use crate::effects;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, interpolate, measure};
 use crate::sim::rollout::Track;
@@ -46,22 +47,33 @@ pub struct Resolution {
     pub cells: f64,
 }
 
-/// Which part of each demonstration counts, as shares of its frames.
+/// Which frames of each demonstration count.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameShare {
-    /// First share.
-    pub from: f64,
-    /// Last share.
-    pub to: f64,
+pub enum FrameShare {
+    /// Everything.
+    All,
+    /// From one share of the frames to another.
+    Between {
+        /// First share.
+        from: f64,
+        /// Last share.
+        to: f64,
+    },
+    /// The second of every `n` frames.
+    OneOf(usize),
+    /// All but the second of every `n` frames.
+    AllBut(usize),
 }
 
 impl FrameShare {
-    /// Everything.
-    pub const ALL: Self = Self { from: 0.0, to: 1.0 };
-
     fn contains(&self, frame: usize, frames: usize) -> bool {
         let share = frame as f64 / frames as f64;
-        share >= self.from && share < self.to
+        match *self {
+            Self::All => true,
+            Self::Between { from, to } => share >= from && share < to,
+            Self::OneOf(n) => frame % n == 1,
+            Self::AllBut(n) => frame % n != 1,
+        }
     }
 }
 
@@ -73,7 +85,7 @@ pub struct Problem<'a> {
     pub scenes: Vec<Scene>,
     /// Factor on the declared noise, measured at rest without the model.
     pub noise_scale: f64,
-    /// Share of each demonstration's frames, from the start, that counts; the rest is left out.
+    /// Which frames of each demonstration count; the others are left out.
     pub frames: FrameShare,
     /// Which points of the rope the clouds hold.
     pub section: Section,
@@ -87,6 +99,16 @@ pub struct Evaluation {
     pub rows: Vec<Vec<Row>>,
     /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents.
     pub jacobian: DMatrix<f64>,
+}
+
+/// A model with further effects of the library at their vanishing values.
+pub struct Library {
+    /// Effects of the model, then those that could be tried.
+    pub structure: Structure,
+    /// Residual of the model, and slopes for all of them.
+    pub evaluation: Evaluation,
+    /// Effects that could not be simulated at any size of interest, and why.
+    pub failed: Vec<(usize, FitError)>,
 }
 
 /// Fewest rows of a demonstration worth fitting.
@@ -106,7 +128,7 @@ impl<'a> Problem<'a> {
             demos: demos.to_vec(),
             scenes,
             noise_scale: 1.0,
-            frames: FrameShare::ALL,
+            frames: FrameShare::All,
             section: Section::default(),
         })
     }
@@ -143,14 +165,63 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn evaluate(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        let traces = self.traces(structure, theta)?;
+        self.evaluation(theta, &self.traces(structure, theta)?)
+    }
+
+    /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values.
+    ///
+    /// # Errors
+    /// The structure without them cannot be simulated, or too little was measured.
+    pub fn library(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+        asked: &[usize],
+    ) -> Result<Library, FitError> {
+        let vanishing = |effect: usize| effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at);
+        let (mut wide, mut wide_theta) = (structure.clone(), theta.to_vec());
+        wide.effects.extend(asked);
+        wide_theta.extend(asked.iter().flat_map(|&effect| vanishing(effect)));
+        let (mut traces, failures) = self.traces_that_run(&wide, &wide_theta)?;
+        let (mut tested, mut failed) = (structure.clone(), Vec::new());
+        let mut kept: Vec<usize> = (0..theta.len()).collect();
+        let mut first = theta.len();
+        for &effect in asked {
+            let mine = first..first + effects::ALL[effect].parameters.len();
+            first = mine.end;
+            if let Some((_, error)) = failures.iter().find(|(column, _)| mine.contains(column)) {
+                failed.push((effect, error.clone()));
+            } else {
+                tested.effects.push(effect);
+                kept.extend(mine);
+            }
+        }
+        if let Some((_, error)) = failures.into_iter().find(|(column, _)| *column < theta.len()) {
+            return Err(error);
+        }
+        for trace in &mut traces {
+            trace.slopes = kept
+                .iter()
+                .map(|&k| std::mem::take(&mut trace.slopes[k]))
+                .collect();
+        }
+        let theta: Vec<f64> = kept.iter().map(|&k| wide_theta[k]).collect();
+        Ok(Library {
+            evaluation: self.evaluation(&theta, &traces)?,
+            structure: tested,
+            failed,
+        })
+    }
+
+    /// What the cameras saw against what is predicted, with slopes.
+    fn evaluation(&self, theta: &[f64], traces: &[Trace]) -> Result<Evaluation, FitError> {
         let rows: Vec<Vec<Row>> = (0..self.demos.len())
             .into_par_iter()
             .map(|d| self.rows_of(d, &traces[d].arc_m, &traces[d].frames))
             .collect::<Result<_, _>>()?;
         let mut jacobian = DMatrix::zeros(rows.iter().map(Vec::len).sum(), theta.len());
         let mut row_index = 0;
-        for (rows, trace) in rows.iter().zip(&traces) {
+        for (rows, trace) in rows.iter().zip(traces) {
             for row in rows {
                 let place = bracket(&trace.arc_m, row.arc_m);
                 for k in 0..theta.len() {

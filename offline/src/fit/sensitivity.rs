@@ -43,6 +43,16 @@ enum Pass {
     Secant { column: usize, from: f64, to: f64 },
 }
 
+impl Pass {
+    /// The entries of θ that it differentiates.
+    fn columns(&self) -> &[usize] {
+        match self {
+            Self::Tangents(columns) => columns,
+            Self::Secant { column, .. } => std::slice::from_ref(column),
+        }
+    }
+}
+
 /// How all entries of θ are differentiated.
 struct Plan {
     passes: Vec<Pass>,
@@ -154,38 +164,63 @@ impl Problem<'_> {
     /// # Errors
     /// A simulation stopped.
     pub(super) fn traces(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Trace>, FitError> {
+        let (traces, failed) = self.traces_that_run(structure, theta)?;
+        failed
+            .into_iter()
+            .next()
+            .map_or(Ok(traces), |(_, error)| Err(error))
+    }
+
+    /// As [`traces`](Self::traces), but an entry of θ whose trial cannot be simulated loses only its own slopes:
+    /// they are empty, and the list says why.
+    ///
+    /// # Errors
+    /// θ itself cannot be simulated.
+    pub(super) fn traces_that_run(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<(Vec<Trace>, Vec<(usize, FitError)>), FitError> {
         let Plan { passes, seen } = plan(structure, theta);
         let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
             .flat_map(|d| passes.iter().map(move |pass| (d, pass)))
             .collect();
-        let parts: Vec<Part> = jobs
+        let parts: Vec<Result<Part, FitError>> = jobs
             .into_par_iter()
             .map(|(d, pass)| self.part(d, structure, theta, pass))
-            .collect::<Result<_, _>>()?;
+            .collect();
+        let mut failed = Vec::new();
         let mut parts = parts.into_iter();
-        Ok((0..self.demos.len())
-            .map(|demo| {
-                let mut prediction = None;
-                let mut slopes = vec![Vec::new(); theta.len()];
-                for part in parts.by_ref().take(passes.len()) {
-                    prediction = prediction.or(part.prediction);
-                    for (column, frames) in part.slopes {
-                        slopes[column] = frames;
+        let mut traces = Vec::new();
+        for demo in 0..self.demos.len() {
+            let mut prediction = None;
+            let mut slopes = vec![Vec::new(); theta.len()];
+            for (pass, part) in passes.iter().zip(parts.by_ref()) {
+                match part {
+                    Ok(part) => {
+                        prediction = prediction.or(part.prediction);
+                        for (column, frames) in part.slopes {
+                            slopes[column] = frames;
+                        }
                     }
+                    Err(error) => failed.extend(pass.columns().iter().map(|&c| (c, error.clone()))),
                 }
-                let prediction = prediction.expect("the first pass predicts");
-                for columns in seen.chunks(SEEN) {
-                    for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {
-                        slopes[column] = frames;
-                    }
+            }
+            let Some(prediction) = prediction else {
+                return Err(failed.swap_remove(0).1);
+            };
+            for columns in seen.chunks(SEEN) {
+                for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {
+                    slopes[column] = frames;
                 }
-                Trace {
-                    arc_m: prediction.arc_m,
-                    frames: prediction.frames,
-                    slopes,
-                }
-            })
-            .collect())
+            }
+            traces.push(Trace {
+                arc_m: prediction.arc_m,
+                frames: prediction.frames,
+                slopes,
+            });
+        }
+        Ok((traces, failed))
     }
 
     /// Slopes of what the cameras report of a known motion.
@@ -278,8 +313,15 @@ impl Problem<'_> {
             }
         };
         let (from, to) = rayon::join(|| at(ends[0]), || at(ends[1]));
-        let (from, to) = (from?, to?);
-        let per_unit = 1.0 / (ends[1] - ends[0]);
+        let middle = theta[column];
+        let ((start, from), (end, to)) = match (from, to) {
+            (Ok(a), Ok(b)) => ((ends[0], a), (ends[1], b)),
+            // Where only one side can be simulated, it says as much to first order.
+            (Ok(a), Err(_)) if ends[0] < middle => ((ends[0], a), (middle, at(middle)?)),
+            (Err(_), Ok(b)) if middle < ends[1] => ((middle, at(middle)?), (ends[1], b)),
+            (Err(error), _) | (_, Err(error)) => return Err(error),
+        };
+        let per_unit = 1.0 / (end - start);
         let slope = |(a, b): (&[f64; 3], &[f64; 3])| std::array::from_fn(|k| (b[k] - a[k]) * per_unit);
         let frames = from
             .iter()

@@ -1,7 +1,7 @@
 //! How the effects of the library ranked in each round, what the refits said, what was ruled out.
 
 use super::page::{effect_title, significant, unit, with_error, without_unit};
-use crate::diagnose::{Refit, Round, Score};
+use crate::diagnose::{Refit, Round, Score, Untested};
 use crate::effects::{self, ParameterSpec};
 use maud::{Markup, html};
 
@@ -18,7 +18,12 @@ pub(super) fn section(rounds: &[Round]) -> Markup {
         }
         @if !rounds.is_empty() {
             h3 { "Not accepted, and why" }
-            ul { @for (id, why) in not_accepted(rounds) { li { b { (effect_title(&id)) } ": " (why) } } }
+            ul {
+                @for (id, why) in not_accepted(rounds) { li { b { (effect_title(&id)) } ": " (why) } }
+                @for effect in untested(rounds) {
+                    li { b { (effect_title(&effect.id)) } ": not ruled out, it could not be tried: " (effect.why) }
+                }
+            }
         }
     }
 }
@@ -41,6 +46,11 @@ pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
         (score.id.clone(), format!("in round {}, {why}", number + 1))
     })
     .collect()
+}
+
+/// Effects that the last round could not try.
+fn untested(rounds: &[Round]) -> &[Untested] {
+    rounds.last().map_or(&[], |round| &round.table.untested)
 }
 
 fn known(round: &Round) -> String {

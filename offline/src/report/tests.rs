@@ -130,6 +130,7 @@ fn round() -> Round {
                 score("gripper_lag", 3.0),
             ],
             discretisation_mm: 0.4,
+            untested: Vec::new(),
         },
         refits: vec![Refit {
             effect: 0,

@@ -92,7 +92,7 @@ pub fn fit_clouds(
         demos: vec![demo],
         scenes: vec![scene],
         noise_scale: 1.0,
-        frames: FrameShare::ALL,
+        frames: FrameShare::All,
         section,
     });
     let density = demo_density(demo);

@@ -1,5 +1,7 @@
 //! Cholesky factor of a symmetric positive definite band matrix, and solutions with it.
 
+use super::widest::on_widest;
+
 /// A symmetric matrix of which only entries near the diagonal are not zero. Row i holds the columns
 /// i − band to i.
 #[derive(Clone, Debug)]
@@ -26,11 +28,11 @@ impl Band {
         self.rows[i * (self.band + 1) + self.band - (i - j)] += value;
     }
 
-    /// Adds to the first `count` of three entries of a row, (i, j) to (i, j + 2), none right of the diagonal.
+    /// Adds to the entries (i, j), (i, j + 1) and so on, none of which is right of the diagonal.
     #[inline(always)]
-    pub fn add_to_row(&mut self, i: usize, j: usize, values: [f64; 3], count: usize) {
-        let at = i * (self.band + 1) + self.band - (i - j);
-        for (entry, value) in self.rows[at..at + count].iter_mut().zip(values) {
+    pub fn add_row(&mut self, i: usize, j: usize, values: &[f64]) {
+        let first = i * (self.band + 1) + self.band - (i - j);
+        for (entry, value) in self.rows[first..first + values.len()].iter_mut().zip(values) {
             *entry += value;
         }
     }
@@ -40,50 +42,9 @@ impl Band {
         self.rows[i * (self.band + 1) + self.band]
     }
 
-    /// Replaces the matrix by its factor L with L Lᵀ = A; none where it is not positive definite.
-    pub fn cholesky(self) -> Option<Factor> {
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has the instructions that the function was compiled for.
-            return unsafe { self.cholesky_avx2() };
-        }
-        self.cholesky_by_rows()
-    }
-
-    /// The same operations in wider registers, hence the same bits.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    unsafe fn cholesky_avx2(self) -> Option<Factor> {
-        self.cholesky_by_rows()
-    }
-
-    #[inline(always)]
-    fn cholesky_by_rows(mut self) -> Option<Factor> {
-        let (band, width) = (self.band, self.band + 1);
-        // The first column of each row that is not zero stays the first in the factor.
-        let mut firsts = Vec::with_capacity(self.size);
-        for i in 0..self.size {
-            let row = &self.rows[i * width..(i + 1) * width];
-            let zeros = row.iter().position(|x| *x != 0.0).unwrap_or(band);
-            let first = (i + zeros).saturating_sub(band);
-            firsts.push(first);
-            let (above, from_i) = self.rows.split_at_mut(i * width);
-            let row_i = &mut from_i[..width];
-            for j in first..i {
-                let start = first.max(firsts[j]);
-                let row_j = &above[j * width..(j + 1) * width];
-                let a = &row_i[start + band - i..j + band - i];
-                let b = &row_j[start + band - j..band];
-                row_i[j + band - i] = (row_i[j + band - i] - dot(a, b)) / row_j[band];
-            }
-            let before = &row_i[first + band - i..band];
-            let pivot = row_i[band] - dot(before, before);
-            if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
-                return None;
-            }
-            row_i[band] = pivot.sqrt();
-        }
-        Some(Factor(self))
+    /// Zeros again.
+    pub fn clear(&mut self) {
+        self.rows.fill(0.0);
     }
 }
 
@@ -113,11 +74,28 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     fours[0] + fours[1] + fours[2] + fours[3] + rest
 }
 
-/// The factor L.
+/// The factor L of a matrix A = L Lᵀ, in memory that is used again.
 #[derive(Clone, Debug)]
 pub struct Factor(Band);
 
 impl Factor {
+    /// Room for the factor of a matrix.
+    pub fn new(size: usize, band: usize) -> Self {
+        Self(Band::new(size, band))
+    }
+
+    /// Factorises a matrix with `more(i)` added to its diagonal. Returns whether that is positive definite; where
+    /// it is not there is no factor.
+    #[must_use]
+    pub fn factorise(&mut self, matrix: &Band, more: impl Fn(usize) -> f64) -> bool {
+        let (rows, width) = (&mut self.0.rows, self.0.band + 1);
+        rows.copy_from_slice(&matrix.rows);
+        for (i, diagonal) in rows.iter_mut().skip(width - 1).step_by(width).enumerate() {
+            *diagonal += more(i);
+        }
+        on_widest!(cholesky(rows: &mut [f64], width: usize) -> bool)
+    }
+
     /// Solves L Lᵀ x = b in place.
     pub fn solve(&self, x: &mut [f64]) {
         let Band { size, band, rows } = &self.0;
@@ -137,6 +115,37 @@ impl Factor {
             }
         }
     }
+}
+
+/// Replaces a band matrix, rows of `width`, by its factor; returns whether it was positive definite.
+#[inline(always)]
+fn cholesky(rows: &mut [f64], width: usize) -> bool {
+    let band = width - 1;
+    let size = rows.len() / width;
+    // The first column of each row that is not zero stays the first in the factor.
+    let mut firsts = Vec::with_capacity(size);
+    for i in 0..size {
+        let row = &rows[i * width..(i + 1) * width];
+        let zeros = row.iter().position(|x| *x != 0.0).unwrap_or(band);
+        let first = (i + zeros).saturating_sub(band);
+        firsts.push(first);
+        let (above, from_i) = rows.split_at_mut(i * width);
+        let row_i = &mut from_i[..width];
+        for j in first..i {
+            let start = first.max(firsts[j]);
+            let row_j = &above[j * width..(j + 1) * width];
+            let a = &row_i[start + band - i..j + band - i];
+            let b = &row_j[start + band - j..band];
+            row_i[j + band - i] = (row_i[j + band - i] - dot(a, b)) / row_j[band];
+        }
+        let before = &row_i[first + band - i..band];
+        let pivot = row_i[band] - dot(before, before);
+        if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
+            return false;
+        }
+        row_i[band] = pivot.sqrt();
+    }
+    true
 }
 
 #[cfg(test)]
@@ -164,8 +173,10 @@ mod tests {
         let mut x: Vec<f64> = (0..size).map(|i| dot(&full[i], &truth)).collect();
         let mut negative = a.clone();
         negative.add(9, 9, -40.0);
-        assert!(negative.cholesky().is_none());
-        a.cholesky().expect("diagonally dominant").solve(&mut x);
+        let mut factor = Factor::new(size, band);
+        assert!(!factor.factorise(&negative, |_| 0.0));
+        assert!(factor.factorise(&negative, |i| if i == 9 { 40.0 } else { 0.0 }));
+        factor.solve(&mut x);
         for (x, truth) in x.iter().zip(&truth) {
             assert!((x - truth).abs() < 1e-12);
         }

@@ -104,6 +104,7 @@ pub mod step;
 mod sweep;
 pub mod tensor;
 mod transfer;
+mod widest;
 
 pub use dual::Dual;
 pub use error::{Cause, SimError};

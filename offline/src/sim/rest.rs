@@ -46,14 +46,14 @@ fn rest_of_nodes(statics: &Statics<f64>, placed: &[Placed]) -> Result<Nodes<f64>
     let held = statics.held(0.0);
     let mut nodes = nodes_of(statics, placed);
     let least_inertia = statics.swing_per_s2();
-    let (mut inertia, mut factor, mut before_m) = (0.0, None, f64::INFINITY);
+    let mut matrices = statics.matrices();
+    let (mut inertia, mut helps, mut before_m) = (0.0, false, f64::INFINITY);
     for _ in 0..MAX_STEPS {
         let forces = statics.forces(&nodes, &held, &[])?;
-        let matrix = match factor.take() {
-            Some(matrix) => matrix,
-            None => statics.factor(&nodes, &held, &[], &mut inertia, least_inertia)?,
-        };
-        let step = statics.newton_step(&matrix, &forces);
+        if !helps {
+            statics.factorise(&mut matrices, (&nodes, &held, &[]), &mut inertia, least_inertia)?;
+        }
+        let step = statics.newton_step(&matrices.factor, &forces);
         let share = statics.admissible_share(&nodes, &step);
         for (node, change) in nodes.iter_mut().zip(&step) {
             *node = add(*node, scaled(*change, share));
@@ -63,8 +63,9 @@ fn rest_of_nodes(statics: &Statics<f64>, placed: &[Placed]) -> Result<Nodes<f64>
             if moved_m < TOLERANCE_CELLS * statics.grid.spacing_m {
                 return Ok(nodes);
             }
-            factor = (moved_m < SHRINKS * before_m).then_some(matrix);
+            helps = moved_m < SHRINKS * before_m;
         } else {
+            helps = false;
             inertia = if inertia < 0.1 * least_inertia {
                 0.0
             } else {

@@ -23,6 +23,7 @@ use super::rollout::{grip_motions, masses_kg, mouths, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, det, dot, matmul, mul, scaled, sub, zero3};
+use super::widest::on_widest;
 use std::collections::BTreeMap;
 
 /// A spring that pulls the rope's axis to a point where it was seen.
@@ -55,6 +56,10 @@ const LAST_INERTIA: f64 = 0.1;
 const MAX_STEPS: usize = 120;
 /// Largest change of a deformation gradient in one step.
 const STEP_CAP: f64 = 0.3;
+/// Least share of its volume that a particle keeps in one step.
+const VOLUME_KEPT: f64 = 0.3;
+/// Share of a step below which nothing is gained by a smaller one.
+const SMALLEST_SHARE: f64 = 1e-3;
 /// A step that moves no node by more than this share of a cell ends the search.
 const TOLERANCE_CELLS: f64 = 1e-4;
 /// The same for tangents, as a share of the largest one.
@@ -77,6 +82,15 @@ pub struct Statics<'a, T: Real> {
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
+}
+
+/// A pin as a row of node weights.
+type PinRow = (Pin, Vec<(usize, f64)>);
+
+/// The matrices of a search for a rest state, in memory that is used again.
+pub(super) struct Matrices {
+    tangent: Band,
+    pub(super) factor: Factor,
 }
 
 /// Positions of the nodes, m.
@@ -176,10 +190,11 @@ impl<'a, T: Real> Statics<'a, T> {
         let swing = self.swing_per_s2();
         let mut inertia = FIRST_INERTIA * swing;
         let mut moved_m = f64::INFINITY;
+        let mut matrices = self.matrices();
         for _ in 0..MAX_STEPS {
             let forces = self.forces(&nodes, &held, &pins)?;
-            let factor = self.factor(&nodes, &held, &pins, &mut inertia, swing)?;
-            let step = self.newton_step(&factor, &forces);
+            self.factorise(&mut matrices, (&nodes, &held, &pins), &mut inertia, swing)?;
+            let step = self.newton_step(&matrices.factor, &forces);
             let share = self.admissible_share(&nodes, &step);
             for (node, change) in nodes.iter_mut().zip(&step) {
                 *node = add(*node, scaled(*change, share));
@@ -231,7 +246,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Each pin as a row of node weights.
-    fn pin_rows(&self, pins: &[Pin]) -> Vec<(Pin, Vec<(usize, f64)>)> {
+    fn pin_rows(&self, pins: &[Pin]) -> Vec<PinRow> {
         let arcs: Vec<f64> = self.layout.slices.iter().map(|s| s.arc_m).collect();
         let members = self.layout.section_m.len();
         pins.iter()
@@ -256,7 +271,7 @@ impl<'a, T: Real> Statics<'a, T> {
         &self,
         nodes: &[Vec3<T>],
         held: &[Option<Vec3<T>>],
-        pins: &[(Pin, Vec<(usize, f64)>)],
+        pins: &[PinRow],
     ) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         let mut forces = vec![zero3(); nodes.len()];
@@ -325,40 +340,41 @@ impl<'a, T: Real> Statics<'a, T> {
         self.physics.force_n(&point)
     }
 
-    /// The elastic tangent matrix with clamps and pins, made positive definite by as much inertia
+    /// Room for the matrices of a search.
+    pub(super) fn matrices(&self) -> Matrices {
+        let size = 3 * self.place.len();
+        Matrices {
+            tangent: Band::new(size, self.band),
+            factor: Factor::new(size, self.band),
+        }
+    }
+
+    /// Factorises the elastic tangent matrix with clamps and pins, made positive definite by as much inertia
     /// (1/s², times the nodes' masses) as it takes.
-    pub(super) fn factor(
+    pub(super) fn factorise(
         &self,
-        nodes: &[Vec3<T>],
-        held: &[Option<Vec3<T>>],
-        pins: &[(Pin, Vec<(usize, f64)>)],
+        Matrices { tangent, factor }: &mut Matrices,
+        (nodes, held, pins): (&[Vec3<T>], &[Option<Vec3<T>>], &[PinRow]),
         inertia: &mut f64,
         inertia_least: f64,
-    ) -> Result<Factor, Cause> {
-        let matrix = self.tangent_matrix(nodes, held, pins);
+    ) -> Result<(), Cause> {
+        self.fill_tangent(tangent, nodes, held, pins);
+        let mut mass_kg = vec![0.0; self.place.len()];
+        for (place, mass) in self.place.iter().zip(&self.grid.mass_kg) {
+            mass_kg[*place] = *mass;
+        }
         while inertia.is_finite() {
-            let mut trial = matrix.clone();
-            for (node, mass) in self.grid.mass_kg.iter().enumerate() {
-                for k in 0..3 {
-                    let at = 3 * self.place[node] + k;
-                    trial.add(at, at, *inertia * mass + REGULARISATION * matrix.diagonal(at));
-                }
-            }
-            if let Some(factor) = trial.cholesky() {
-                return Ok(factor);
+            let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
+            if factor.factorise(tangent, more) {
+                return Ok(());
             }
             *inertia = (4.0 * *inertia).max(inertia_least);
         }
         Err(Cause::NonFinite { particle: 0 })
     }
 
-    fn tangent_matrix(
-        &self,
-        nodes: &[Vec3<T>],
-        held: &[Option<Vec3<T>>],
-        pins: &[(Pin, Vec<(usize, f64)>)],
-    ) -> Band {
-        let mut matrix = Band::new(3 * nodes.len(), self.band);
+    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], held: &[Option<Vec3<T>>], pins: &[PinRow]) {
+        matrix.clear();
         let lame = Lame {
             mu: self.lame.mu.value(),
             lambda: self.lame.lambda.value(),
@@ -381,34 +397,27 @@ impl<'a, T: Real> Statics<'a, T> {
                 });
                 let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
                 let slope = stress_slope(&elastic, &lame);
-                add_stiffness(
-                    &mut matrix,
-                    &at,
-                    &gradients,
-                    &slope,
-                    bending * volume / det(&shape),
-                );
+                add_stiffness(matrix, &at, &gradients, &slope, bending * volume / det(&shape));
                 if bending != 1.0 {
                     common.add(&elastic, &at, &gradients, 1.0 / members as f64);
                     common.volume_m3 += (1.0 - bending) * volume;
                 }
                 if held[p].is_some() {
                     let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
-                    add_spring(&mut matrix, &at, &link.weights, spring);
+                    add_spring(matrix, &at, &link.weights, spring);
                 }
             }
             if common.volume_m3 != 0.0 {
                 let (at, gradients): (Vec<usize>, Vec<[f64; 3]>) = common.gradients.into_iter().unzip();
                 let slope = stress_slope(&common.elastic, &lame);
-                add_stiffness(&mut matrix, &at, &gradients, &slope, common.volume_m3);
+                add_stiffness(matrix, &at, &gradients, &slope, common.volume_m3);
             }
         }
         for (pin, row) in pins {
             let (at, weights): (Vec<usize>, Vec<f64>) =
                 row.iter().map(|(node, w)| (3 * self.place[*node], *w)).unzip();
-            add_spring(&mut matrix, &at, &weights, pin.stiffness_n_m);
+            add_spring(matrix, &at, &weights, pin.stiffness_n_m);
         }
-        matrix
     }
 
     /// Solves for value and tangents alike, in double precision.
@@ -434,21 +443,25 @@ impl<'a, T: Real> Statics<'a, T> {
         (0..forces.len()).map(node).collect()
     }
 
-    /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`].
+    /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`] and takes no more than
+    /// [`VOLUME_KEPT`] of any particle's volume.
     pub(super) fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
-        let mut largest = 0f64;
-        for p in 0..self.layout.particles() {
-            // The map from nodes to gradients is linear.
-            let (_, change) = self.particle(step, p);
-            let square: f64 = change.iter().flatten().map(|c| c.value().powi(2)).sum();
-            largest = largest.max(square.sqrt());
+        let values = |f: Mat3<T>| f.map(|row| row.map(T::value));
+        // The map from nodes to gradients is linear.
+        let moves: Vec<[Mat3<f64>; 2]> = (0..self.layout.particles())
+            .map(|p| [self.particle(nodes, p).1, self.particle(step, p).1].map(values))
+            .collect();
+        let size = |[_, change]: &[Mat3<f64>; 2]| change.iter().flatten().map(|c| c * c).sum::<f64>().sqrt();
+        let largest = moves.iter().map(size).fold(0.0, f64::max);
+        let mut share = (STEP_CAP / largest).min(1.0);
+        let turns_inside_out = |[f, change]: &[Mat3<f64>; 2], share: f64| {
+            let moved = std::array::from_fn(|a| add(f[a], scaled(change[a], share)));
+            det(&moved) < VOLUME_KEPT * det(f)
+        };
+        while share > SMALLEST_SHARE && moves.iter().any(|m| turns_inside_out(m, share)) {
+            share *= 0.5;
         }
-        debug_assert_eq!(nodes.len(), step.len());
-        if largest > STEP_CAP {
-            STEP_CAP / largest
-        } else {
-            1.0
-        }
+        share
     }
 
     /// Refuses a pose in which the rope would yield: where it comes to rest then depends on how it got there.
@@ -508,16 +521,39 @@ fn add_stiffness(
     slope: &[[[[f64; 3]; 3]; 3]; 3],
     volume_m3: f64,
 ) {
+    on_widest!(add_stiffness_inlined(
+        matrix: &mut Band,
+        at: &[usize],
+        gradients: &[[f64; 3]],
+        slope: &[[[[f64; 3]; 3]; 3]; 3],
+        volume_m3: f64
+    ) -> ());
+}
+
+#[inline(always)]
+fn add_stiffness_inlined(
+    matrix: &mut Band,
+    at: &[usize],
+    gradients: &[[f64; 3]],
+    slope: &[[[[f64; 3]; 3]; 3]; 3],
+    volume_m3: f64,
+) {
     for (&column, gradient) in at.iter().zip(gradients) {
-        // ∂P/∂y of this node, a 3 × 3 × 3 block: rows (a, b), columns c.
+        // ∂P/∂y of this node: rows (a, b), columns c, with a fourth to fill a register.
         let g = gradient.map(|x| volume_m3 * x);
-        let block: [[[f64; 3]; 3]; 3] =
-            std::array::from_fn(|a| std::array::from_fn(|b| std::array::from_fn(|c| dot(slope[a][b][c], g))));
+        let entry = |a: usize, b: usize, c: usize| if c < 3 { dot(slope[a][b][c], g) } else { 0.0 };
+        let block: [[[f64; 4]; 3]; 3] =
+            std::array::from_fn(|a| std::array::from_fn(|b| std::array::from_fn(|c| entry(a, b, c))));
         for (&row, gradient) in at.iter().zip(gradients).filter(|(row, _)| **row >= column) {
             for a in 0..3 {
+                let mut along = [0.0; 4];
+                for b in 0..3 {
+                    for c in 0..4 {
+                        along[c] += gradient[b] * block[a][b][c];
+                    }
+                }
                 let count = if row == column { a + 1 } else { 3 };
-                let along = |c| (0..3).map(|b| gradient[b] * block[a][b][c]).sum::<f64>();
-                matrix.add_to_row(row + a, column, [0, 1, 2].map(along), count);
+                matrix.add_row(row + a, column, &along[..count]);
             }
         }
     }

@@ -1,12 +1,13 @@
 //! What the data still allow of every parameter, without another pass over the library.
 
 use super::super::noise::Noise;
-use super::super::rounds::{Library, Outcome};
+use super::super::rounds::Outcome;
 use super::super::score::ScoreProblem;
 use super::models::Model;
 use super::swing_risk::Allowed;
 use crate::effects;
 use crate::fit::Evaluation;
+use crate::fit::Library;
 use crate::model::Structure;
 use nalgebra::DMatrix;
 use std::collections::HashMap;

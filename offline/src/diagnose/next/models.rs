@@ -1,6 +1,7 @@
 //! The models that a diagnosis leaves open.
 
-use super::super::rounds::{LoopOptions, Outcome, REFIT_EVALUATIONS, ties};
+use super::super::round::{REFIT_EVALUATIONS, ties};
+use super::super::rounds::{LoopOptions, Outcome};
 use super::super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;

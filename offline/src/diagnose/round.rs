@@ -1,0 +1,402 @@
+//! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
+
+use super::conclude::{WHITE_FLOORS, excess_mm};
+use super::gates::{Gate, refinement_gate, statistical_gates};
+use super::rounds::{Bench, LoopOptions, Part};
+use super::score::{Score, ScoreProblem, ScoreTable, Untested};
+use crate::effects;
+use crate::fit::{
+    Evaluation, FitError, FitResult, Library, StopReason, along_rows, estimates, fit_from, grid_errors,
+};
+use crate::model::{Estimate, Structure};
+use crate::residual::ResidualSummary;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A full refit with one more effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Refit {
+    /// Index into [`effects::ALL`].
+    #[serde(skip)]
+    pub effect: usize,
+    /// Name of the effect.
+    pub id: String,
+    /// Parameters of the effect.
+    pub parameters: Vec<Estimate>,
+    /// All parameters of the model, as the fit takes them.
+    pub theta: Vec<f64>,
+    /// Residual where fitted.
+    pub fit: ResidualSummary,
+    /// Residual where held out.
+    pub held_out: ResidualSummary,
+    /// Gates in the order in which they were tried.
+    pub gates: Vec<Gate>,
+    /// Whether all gates were passed.
+    pub passed: bool,
+}
+
+/// One round of the loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Round {
+    /// Effects of the model at the start of the round.
+    pub known: Vec<String>,
+    /// Scores of the others.
+    pub table: ScoreTable,
+    /// Refits of the best.
+    pub refits: Vec<Refit>,
+    /// The effect that was accepted.
+    pub accepted: Option<String>,
+}
+
+/// How many of the best scores are told while the loop runs.
+const LISTED: usize = 8;
+/// Most evaluations of a refit: it starts from a one-step estimate.
+pub(super) const REFIT_EVALUATIONS: usize = 24;
+/// Evaluations after which a refit that has come less than half as far as the best is given up.
+const HEAT_EVALUATIONS: usize = 8;
+/// Cost over the least of its rivals at which a refit is given up.
+const HOPELESS: f64 = 2.0;
+/// Most effects that a round refits.
+const MOST_REFITS: usize = 6;
+/// An effect whose score is below this share of the best is not refitted: it cannot be the whole cause, and a
+/// later round, without the whole cause in the residual, sees it better.
+const LEAST_SHARE: f64 = 0.1;
+
+/// A refit with the model that it gave.
+type Tried = (Refit, Structure, FitResult);
+/// The model that won a round: structure, fit, held-out residual, name of its new effect.
+type Best = (Structure, FitResult, ResidualSummary, String);
+/// All refits of a round, the winner, and the effects that tie with it.
+type Chosen = (Vec<Refit>, Option<Best>, Vec<String>);
+/// The next model and the effects that tie with its new one.
+type Winner = (Structure, FitResult, ResidualSummary, Vec<String>);
+
+pub(super) fn one_round(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    held_now: &ResidualSummary,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<(Round, Option<Winner>, Library), FitError> {
+    progress("scoring every effect of the library from one pass of tangents");
+    let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
+    let listed = table.scores.iter().take(LISTED);
+    let listed: Vec<String> = listed
+        .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
+        .collect();
+    progress(&format!("best scores (needed): {}", listed.join(", ")));
+    let tried = refit_leading(bench, structure, fitted, (&table, held_now), options, progress);
+    let (refits, winner, tied) = choose(bench, tried, options, progress)?;
+    let accepted = winner.as_ref().map(|w| w.3.clone());
+    let round = Round {
+        known: structure
+            .effects
+            .iter()
+            .map(|&e| effects::ALL[e].id.into())
+            .collect(),
+        table,
+        refits,
+        accepted,
+    };
+    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied)), library))
+}
+
+/// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
+/// those that tie with it.
+fn choose(
+    bench: &Bench,
+    mut tried: Vec<Tried>,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Chosen, FitError> {
+    let refined = options.without != Some(Part::Refinement);
+    tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
+    let mut winner = None;
+    let mut refits = Vec::new();
+    let mut tied = Vec::new();
+    for (mut refit, next_structure, next_fit) in tried {
+        if refined && winner.is_none() && refit.passed {
+            progress(&format!("checking {} on a finer grid", refit.id));
+            let gate = refine(bench, &next_structure, &next_fit)?;
+            refit.passed &= gate.passed;
+            refit.gates.push(gate);
+        }
+        if refit.passed {
+            match &winner {
+                None => winner = Some((next_structure, next_fit, refit.held_out.clone(), refit.id.clone())),
+                Some((_, best, _, _)) if ties(best, &next_fit) => tied.push(refit.id.clone()),
+                Some(_) => {}
+            }
+        }
+        refits.push(refit);
+    }
+    Ok((refits, winner, tied))
+}
+
+/// Refits the leading effects, a batch at a time, until one that passes leaves nothing more to explain. The score
+/// holds to first order only: where the base model is far off, the cause may well be third or fourth.
+fn refit_leading(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    (table, held_now): (&ScoreTable, &ResidualSummary),
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Vec<Tried> {
+    let now = ResidualSummary::of(&fitted.best);
+    let (first, others) = leading(table, options.refits);
+    if first.is_empty() {
+        progress("refitting with nothing: no effect is significant");
+    }
+    let room = MOST_REFITS.saturating_sub(first.len()).min(others.len());
+    let mut tried: Vec<Tried> = Vec::new();
+    for batch in std::iter::once(&first[..]).chain(others[..room].chunks(options.refits)) {
+        let explained = |(refit, _, fit): &Tried| {
+            refit.passed && (refit.fit.floors <= WHITE_FLOORS || excess_mm(fit) <= table.discretisation_mm)
+        };
+        if batch.is_empty() || tried.iter().any(explained) {
+            break;
+        }
+        progress(&format!("refitting with {}", names(batch).join(", ")));
+        let heats: Vec<(&Score, FitResult)> = batch
+            .par_iter()
+            .filter_map(|score| Some((*score, heat(bench, structure, fitted, score).ok()?)))
+            .collect();
+        let costs = heats
+            .iter()
+            .map(|h| h.1.cost)
+            .chain(tried.iter().map(|t| t.2.cost));
+        let least = costs.fold(f64::INFINITY, f64::min);
+        let ended: Vec<Tried> = heats
+            .into_par_iter()
+            .filter_map(|(score, fit)| {
+                let fit = to_the_end(bench, &structure.with(score.effect), fit, least).ok()?;
+                judge(bench, structure, (score, fit), (&now, held_now), options).ok()
+            })
+            .collect();
+        tried.extend(ended);
+    }
+    tried
+}
+
+/// Effects worth a full refit. First the best `count`, the whole family of the best, because only refits can
+/// tell its members apart, and whatever the other scores hold to be free; then the others, best first.
+fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
+    let best = table.scores.first().map_or(0.0, |s| s.statistic);
+    let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
+    let nuisance = |s: &Score| effects::ALL[s.effect].nuisance;
+    let all: Vec<&Score> = table.scores.iter().filter(worth).collect();
+    let ranked: Vec<&Score> = all.iter().copied().filter(|s| !nuisance(s)).collect();
+    let family: &[String] = ranked.first().map_or(&[], |best| &best.family);
+    let early = |s: &&Score| {
+        let place = ranked.iter().position(|r| r.id == s.id);
+        place.is_none_or(|place| place < count) || family.contains(&s.id)
+    };
+    all.into_iter().partition(early)
+}
+
+fn names(scores: &[&Score]) -> Vec<String> {
+    scores.iter().map(|s| s.id.clone()).collect()
+}
+
+/// Two models tie when their sums of squares per independent offset differ by less than two standard
+/// errors of such a sum.
+pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
+    let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
+    reduced(other) - reduced(best) < tie_spread(&best.best)
+}
+
+/// Difference of sums of squares per offset below which a model ties with the best.
+pub(super) fn tie_spread(best: &Evaluation) -> f64 {
+    let summary = ResidualSummary::of(best);
+    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
+}
+
+fn score(
+    bench: &Bench,
+    structure: &Structure,
+    theta: &[f64],
+    options: &LoopOptions,
+) -> Result<(ScoreTable, Library), FitError> {
+    let asked = (0..effects::ALL.len())
+        .filter(|index| !structure.effects.contains(index) && !options.hidden.contains(index));
+    let (asked, on_the_way): (Vec<usize>, Vec<usize>) = asked.partition(|&index| bench.fit.knows(index));
+    let (library, difference) = rayon::join(
+        || bench.fit.library(structure, theta, &asked),
+        || grid_errors([&bench.fit, &bench.finer], structure, theta),
+    );
+    let (library, difference) = (library?, difference?);
+    let evaluation = &library.evaluation;
+    let errors = along_rows(evaluation, &difference);
+    let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
+    let nuisances = options.without != Some(Part::Nuisances);
+    let problem = ScoreProblem::new(evaluation, &library.structure, structure, &bench.noise, nuisances);
+    let mut table = problem.table(&errors, &sigmas, options.seed);
+    table.untested = on_the_way
+        .into_iter()
+        .map(|effect| {
+            (
+                effect,
+                "where a rope hangs that gives way depends on how it got there".to_owned(),
+            )
+        })
+        .chain(
+            library
+                .failed
+                .iter()
+                .map(|(effect, error)| (*effect, error.to_string())),
+        )
+        .map(|(effect, why)| Untested {
+            id: effects::ALL[effect].id.into(),
+            why,
+        })
+        .collect();
+    Ok((table, library))
+}
+
+/// θ of a fit where the data told it, the prior's centre where they did not: what a model that lacks an effect
+/// makes of the rest, often a value at its bound, is a bad start for one that has it.
+fn told(fitted: &FitResult, structure: &Structure) -> Vec<f64> {
+    let all = estimates(&fitted.best, structure);
+    let start = all.iter().zip(&fitted.best.theta).zip(structure.parameters());
+    start
+        .map(|((estimate, &theta), info)| {
+            if estimate.identified {
+                theta
+            } else {
+                info.prior_mean
+            }
+        })
+        .collect()
+}
+
+/// The first evaluations of a refit, from the one-step estimate.
+fn heat(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    score: &Score,
+) -> Result<FitResult, FitError> {
+    let spec = &effects::ALL[score.effect];
+    let mut theta = told(fitted, structure);
+    for (p, e) in spec.parameters.iter().zip(&score.estimate) {
+        // A one-step estimate can overshoot; half the physical range is a safe start.
+        theta.push((p.vanishes_at + e).clamp(0.5 * (p.low + p.vanishes_at), 0.5 * (p.high + p.vanishes_at)));
+    }
+    fit_from(&bench.fit, &structure.with(score.effect), theta, HEAT_EVALUATIONS)
+}
+
+/// The other evaluations, where there is hope that they find the least cost.
+fn to_the_end(
+    bench: &Bench,
+    structure: &Structure,
+    fit: FitResult,
+    least: f64,
+) -> Result<FitResult, FitError> {
+    if fit.stop != StopReason::BudgetSpent || fit.cost > HOPELESS * least {
+        return Ok(fit);
+    }
+    fit_from(
+        &bench.fit,
+        structure,
+        fit.best.theta,
+        REFIT_EVALUATIONS - HEAT_EVALUATIONS,
+    )
+}
+
+/// What became of a refit.
+fn judge(
+    bench: &Bench,
+    structure: &Structure,
+    (score, result): (&Score, FitResult),
+    before: (&ResidualSummary, &ResidualSummary),
+    options: &LoopOptions,
+) -> Result<Tried, FitError> {
+    let next = structure.with(score.effect);
+    let spec = &effects::ALL[score.effect];
+    let held_out = bench.held_out.residuals(&next, &result.best.theta)?;
+    let all = estimates(&result.best, &next);
+    let first = all.len() - spec.parameters.len();
+    let mut refit = Refit {
+        effect: score.effect,
+        id: spec.id.into(),
+        parameters: all[first..].to_vec(),
+        theta: result.best.theta.clone(),
+        fit: ResidualSummary::of(&result.best),
+        held_out: ResidualSummary::of(&held_out),
+        gates: Vec::new(),
+        passed: false,
+    };
+    refit.gates = statistical_gates(score, before, &refit, options);
+    refit.passed = refit.gates.iter().all(|g| g.passed);
+    Ok((refit, next, result))
+}
+
+/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid.
+fn refine(bench: &Bench, structure: &Structure, fitted: &FitResult) -> Result<Gate, FitError> {
+    let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
+    let effect = structure.effects[structure.effects.len() - 1];
+    let spec = &effects::ALL[effect];
+    let first = fitted.best.theta.len() - spec.parameters.len();
+    let change = |theta: &[f64]| -> Vec<f64> {
+        theta[first..]
+            .iter()
+            .zip(spec.parameters)
+            .map(|(t, p)| t - p.vanishes_at)
+            .collect()
+    };
+    let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
+        .iter()
+        .map(|e| e.standard_error)
+        .collect();
+    Ok(refinement_gate(
+        &change(&fitted.best.theta),
+        &change(&fine.best.theta),
+        &errors,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(id: &str, statistic: f64, threshold: f64, family: &[&str]) -> Score {
+        Score {
+            effect: effects::find(id).expect("in the registry"),
+            id: id.into(),
+            statistic,
+            threshold,
+            estimate: Vec::new(),
+            standard_error: Vec::new(),
+            absorbed_share: 0.0,
+            nearest_rival: None,
+            rival_cosine: 0.0,
+            family: family.iter().map(ToString::to_string).collect(),
+        }
+    }
+
+    /// Seen on a rope with a tip mass: drag and friction had the better scores, and nothing else was refitted.
+    #[test]
+    fn whatever_scores_a_tenth_of_the_best_gets_its_refit_the_best_and_its_family_first() {
+        let table = ScoreTable {
+            scores: vec![
+                score("air_drag", 2263.0, 81.0, &["density_gradient"]),
+                score("table_friction", 2254.0, 99.0, &[]),
+                score("tip_mass", 1758.0, 106.0, &[]),
+                score("density_gradient", 1453.0, 59.0, &[]),
+                score("camera_offset", 800.0, 35.0, &[]),
+                score("internal_damping", 795.0, 900.0, &[]),
+                score("yield", 31.0, 25.0, &[]),
+            ],
+            discretisation_mm: 0.0,
+            untested: Vec::new(),
+        };
+        let (first, others) = leading(&table, 2);
+        assert_eq!(
+            names(&first),
+            ["air_drag", "table_friction", "density_gradient", "camera_offset"]
+        );
+        assert_eq!(names(&others), ["tip_mass"]);
+    }
+}
