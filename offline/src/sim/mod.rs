@@ -60,7 +60,7 @@
 //! double precision to come to rest, 0.20 s of one core at 0.9 MPa. Now half a second in single precision brings the
 //! rope near its rest, whose nodes are then solved for ([`rest`]): 0.09 s, within 0.021 mm of the true approach come
 //! to rest at all of 33 releases (`swing.rs`; both figures on a loaded machine, by turns, 1.5 cells). On two such
-//! cores that is 22 per second at 0.9 MPa, and 13 over the range of E on the paper's 1.79 cells (16 at 0.9 MPa; the
+//! cores that is 22 per second at 0.9 MPa, and 14 over the range of E on the paper's 1.79 cells (17 at 0.9 MPa; the
 //! aim is 25). Two thirds of it are the steps of half a second before the release and three quarters after it.
 //!
 //! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
