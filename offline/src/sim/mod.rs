@@ -48,9 +48,10 @@
 //! | no closures where registers are used: those that are not inlined were compiled without them | 13.4 | 13.6 | 13.5 | 13.1 | 19.8 | 46, 276, 516 |
 //! | a block's step compiled once per kind of register, channels counted at run time | 13.7 | 13.5 | 12.7 | 11.8 | 13.2 | 42, 131, 278 |
 //! | velocities on the nodes, a loss in the stress; quiet machine | 15.5 | 15.4 | 13.8 | 12.1 | 12.1 | 51, 160, 291 |
+//! | the table's spring and damper, clamps that act on particles; loaded machine | 13.2 | 13.2 | 12.7 | 11.0 | 11.5 | 43, 143, 271 |
 //!
-//! Before the last row f64 cost 23 ns, f64 with 16 tangents 518; f64 costs 27 now. A tangent costs about as much as a value:
-//! the stress without its polar decomposition, the same transfers. So 16 tangents cost 20 plain rollouts,
+//! f64 costs 23 ns (27 at the last row but one). A tangent costs about as much as a value: the stress without its
+//! polar decomposition, the same transfers. So 16 tangents cost 20 plain rollouts,
 //! not 6; the aim of 6 was set for a rollout of 50 ns, and in those terms they cost 5.6.
 //!
 //! A swing looks at its tip in every step and for its fastest particle in every sixteenth; both read single
@@ -58,7 +59,9 @@
 //! less time. Most of a swing's time was its settling: ropes that fall out of the plane need up to two seconds and
 //! double precision to come to rest, 0.20 s of one core at 0.9 MPa. Now half a second in single precision brings the
 //! rope near its rest, whose nodes are then solved for ([`rest`]): 0.09 s, within 0.021 mm of the true approach come
-//! to rest at all of 33 releases (`swing.rs`; both figures on a loaded machine, by turns).
+//! to rest at all of 33 releases (`swing.rs`; both figures on a loaded machine, by turns, 1.5 cells). On two such
+//! cores that is 22 per second at 0.9 MPa, and 14 over the range of E on the paper's 1.79 cells (17 at 0.9 MPa; the
+//! aim is 25). Two thirds of it are the steps of half a second before the release and three quarters after it.
 //!
 //! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it
