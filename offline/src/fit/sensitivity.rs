@@ -24,6 +24,9 @@ const SEEN: usize = 8;
 /// Points, or their slopes, by frame and slice.
 type Frames = Vec<Vec<[f64; 3]>>;
 
+/// Entries of θ whose trial could not be simulated, and why.
+pub(super) type Failures = Vec<(usize, FitError)>;
+
 /// A demonstration as the model predicts it.
 pub(super) struct Trace {
     /// Arc length of each slice, m.
@@ -180,7 +183,7 @@ impl Problem<'_> {
         &self,
         structure: &Structure,
         theta: &[f64],
-    ) -> Result<(Vec<Trace>, Vec<(usize, FitError)>), FitError> {
+    ) -> Result<(Vec<Trace>, Failures), FitError> {
         let Plan { passes, seen } = plan(structure, theta);
         let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
             .flat_map(|d| passes.iter().map(move |pass| (d, pass)))

@@ -104,6 +104,7 @@ pub mod scene;
 pub mod start;
 pub mod statics;
 pub mod step;
+mod stiffness;
 mod sweep;
 pub mod tensor;
 mod transfer;

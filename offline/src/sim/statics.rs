@@ -12,18 +12,17 @@
 
 use super::band::{Band, Factor};
 use super::curve::Curve;
-use super::dual::Dual;
-use super::elastic::{Lame, piola_stress};
+use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::material::Material;
 use super::physics::{ForcePoint, Physics};
-use super::real::{Arithmetic, Real};
+use super::real::Real;
 use super::rollout::{grip_motions, masses_kg, mouths, time_step};
 use super::rope::RopeLayout;
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, det, dot, matmul, mul, scaled, sub, zero3};
-use super::widest::on_widest;
+use super::stiffness::{Common, add_spring, add_stiffness, stress_slope};
+use super::tensor::{Mat3, Vec3, add, det, matmul, mul, scaled, sub, zero3};
 use std::collections::BTreeMap;
 
 /// A spring that pulls the rope's axis to a point where it was seen.
@@ -86,6 +85,8 @@ pub struct Statics<'a, T: Real> {
     band: usize,
 }
 
+/// Where the clamps want a particle, m; none where it is free.
+type Held<T> = Option<Vec3<T>>;
 /// A pin as a row of node weights.
 type PinRow = (Pin, Vec<(usize, f64)>);
 
@@ -237,7 +238,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Where the clamps want each gripped particle.
-    pub(super) fn held(&self, t_s: f64) -> Vec<Option<Vec3<T>>> {
+    pub(super) fn held(&self, t_s: f64) -> Vec<Held<T>> {
         let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
         (0..self.layout.particles())
             .map(|p| {
@@ -272,7 +273,7 @@ impl<'a, T: Real> Statics<'a, T> {
     pub(super) fn forces(
         &self,
         nodes: &[Vec3<T>],
-        held: &[Option<Vec3<T>>],
+        held: &[Held<T>],
         pins: &[PinRow],
     ) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
@@ -356,7 +357,7 @@ impl<'a, T: Real> Statics<'a, T> {
     pub(super) fn factorise(
         &self,
         Matrices { tangent, factor }: &mut Matrices,
-        (nodes, held, pins): (&[Vec3<T>], &[Option<Vec3<T>>], &[PinRow]),
+        (nodes, held, pins): (&[Vec3<T>], &[Held<T>], &[PinRow]),
         inertia: &mut f64,
         inertia_least: f64,
     ) -> Result<(), Cause> {
@@ -375,7 +376,7 @@ impl<'a, T: Real> Statics<'a, T> {
         Err(Cause::NonFinite { particle: 0 })
     }
 
-    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], held: &[Option<Vec3<T>>], pins: &[PinRow]) {
+    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], held: &[Held<T>], pins: &[PinRow]) {
         matrix.clear();
         let lame = Lame {
             mu: self.lame.mu.value(),
@@ -490,98 +491,6 @@ impl<'a, T: Real> Statics<'a, T> {
         }
         Ok(())
     }
-}
-
-/// What the particles of a slice have in common, which has another stiffness where bending has its own.
-#[derive(Default)]
-struct Common {
-    /// Mean of the elastic deformation gradients.
-    elastic: Mat3<f64>,
-    /// Its derivative with respect to each node, 1/m, by place in the matrix.
-    gradients: BTreeMap<usize, [f64; 3]>,
-    /// Volume times the share of stiffness that it has for itself, m³; negative where bending is stiffer.
-    volume_m3: f64,
-}
-
-impl Common {
-    fn add(&mut self, elastic: &Mat3<f64>, at: &[usize], gradients: &[[f64; 3]], share: f64) {
-        for (sum, row) in self.elastic.iter_mut().zip(elastic) {
-            *sum = add(*sum, scaled(*row, share));
-        }
-        for (at, gradient) in at.iter().zip(gradients) {
-            let sum = self.gradients.entry(*at).or_default();
-            *sum = add(*sum, scaled(*gradient, share));
-        }
-    }
-}
-
-/// Adds the stiffness of a volume whose deformation gradient varies with the nodes at the rows `at` by `gradients`.
-fn add_stiffness(
-    matrix: &mut Band,
-    at: &[usize],
-    gradients: &[[f64; 3]],
-    slope: &[[[[f64; 3]; 3]; 3]; 3],
-    volume_m3: f64,
-) {
-    on_widest!(add_stiffness_inlined(
-        matrix: &mut Band,
-        at: &[usize],
-        gradients: &[[f64; 3]],
-        slope: &[[[[f64; 3]; 3]; 3]; 3],
-        volume_m3: f64
-    ) -> ());
-}
-
-#[inline(always)]
-fn add_stiffness_inlined(
-    matrix: &mut Band,
-    at: &[usize],
-    gradients: &[[f64; 3]],
-    slope: &[[[[f64; 3]; 3]; 3]; 3],
-    volume_m3: f64,
-) {
-    for (&column, gradient) in at.iter().zip(gradients) {
-        // ∂P/∂y of this node: rows (a, b), columns c, with a fourth to fill a register.
-        let g = gradient.map(|x| volume_m3 * x);
-        let entry = |a: usize, b: usize, c: usize| if c < 3 { dot(slope[a][b][c], g) } else { 0.0 };
-        let block: [[[f64; 4]; 3]; 3] =
-            std::array::from_fn(|a| std::array::from_fn(|b| std::array::from_fn(|c| entry(a, b, c))));
-        for (&row, gradient) in at.iter().zip(gradients).filter(|(row, _)| **row >= column) {
-            for a in 0..3 {
-                let mut along = [0.0; 4];
-                for b in 0..3 {
-                    for c in 0..4 {
-                        along[c] += gradient[b] * block[a][b][c];
-                    }
-                }
-                let count = if row == column { a + 1 } else { 3 };
-                matrix.add_row(row + a, column, &along[..count]);
-            }
-        }
-    }
-}
-
-/// Adds a spring at a point that is a weighted mean of nodes.
-fn add_spring(matrix: &mut Band, at: &[usize], weights: &[f64], stiffness_n_m: f64) {
-    for (&column, weight) in at.iter().zip(weights) {
-        for (&row, other) in at.iter().zip(weights).filter(|(row, _)| **row >= column) {
-            for k in 0..3 {
-                matrix.add(row + k, column + k, stiffness_n_m * weight * other);
-            }
-        }
-    }
-}
-
-/// ∂P/∂F of the elastic rope as [a][b][c][d] = ∂P_ab/∂F_cd, Pa.
-fn stress_slope(f: &Mat3<f64>, lame: &Lame<f64>) -> [[[[f64; 3]; 3]; 3]; 3] {
-    let dual: Mat3<Dual<f64, 9>> =
-        std::array::from_fn(|a| std::array::from_fn(|b| Dual::input(f[a][b], 3 * a + b)));
-    let lame = Lame {
-        mu: Dual::of(lame.mu),
-        lambda: Dual::of(lame.lambda),
-    };
-    let (pk1, _) = piola_stress(&dual, &lame);
-    pk1.map(|row| row.map(|entry| std::array::from_fn(|c| std::array::from_fn(|d| entry.tangent[3 * c + d]))))
 }
 
 /// Length of the value, without tangents.
