@@ -32,7 +32,7 @@ pub struct LoopOptions {
     pub smallest_share: f64,
     /// Seed of the pseudo-data.
     pub seed: u64,
-    /// Effects of the library, as indices into [`effects::ALL`], that the loop does not know.
+    /// Effects of the library, as indices into [`crate::effects::ALL`], that the loop does not know.
     pub hidden: Vec<usize>,
     /// What is left out of the method.
     pub without: Option<Part>,
