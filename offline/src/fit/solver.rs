@@ -140,12 +140,13 @@ pub fn fit_from(
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
+    let held = out_of_plane(problem, &best, &info);
     let stop = loop {
         if evaluations >= max_evaluations {
             break StopReason::BudgetSpent;
         }
         let (hessian, gradient) = normal_equations(&best, &info);
-        let step = damped_step(&hessian, &gradient, damping, &best.theta, &info);
+        let step = damped_step((&hessian, &gradient), damping, (&best.theta, &held), &info);
         let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
         let misfit = (2.0 * cost / nominal_rows(&best)).max(1.0);
         if is_small(&step, &hessian, misfit) || predicted < SMALL_DECREASE * misfit {
@@ -249,17 +250,30 @@ pub(super) fn normal_equations(
     (hessian, gradient)
 }
 
-/// The damped Newton step inside the box. Entries that would leave it are held at the bound and the
-/// others solved again.
+/// Which entries of θ move a rope only out of the plane in which it was seen. They stay where they are: to second
+/// order they would stand in for whatever shortens it there.
+fn out_of_plane(problem: &Problem, evaluation: &Evaluation, info: &[ParameterInfo]) -> Vec<bool> {
+    /// Change of a row over the whole range of a parameter, in standard errors, that is none.
+    const NONE: f64 = 0.1;
+    let planar = problem.demos.iter().all(|demo| demo.spec.planar);
+    let jacobian = evaluation.whitened_jacobian();
+    let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
+    info.iter()
+        .enumerate()
+        .map(|entry| planar && !moves(entry))
+        .collect()
+}
+
+/// The damped Newton step inside the box, without the entries that are held. Entries that would leave it are put
+/// on the bound and the others solved again.
 fn damped_step(
-    hessian: &DMatrix<f64>,
-    gradient: &DVector<f64>,
+    (hessian, gradient): (&DMatrix<f64>, &DVector<f64>),
     damping: f64,
-    theta: &[f64],
+    (theta, held): (&[f64], &[bool]),
     info: &[ParameterInfo],
 ) -> DVector<f64> {
     let n = theta.len();
-    let mut fixed: Vec<Option<f64>> = vec![None; n];
+    let mut fixed: Vec<Option<f64>> = held.iter().map(|held| held.then_some(0.0)).collect();
     loop {
         let mut a = hessian.clone();
         let mut b = -gradient.clone();
