@@ -81,7 +81,7 @@ impl Structure {
     pub fn start(&self, young_pa: f64) -> Vec<f64> {
         let mut theta = vec![young_pa.ln(), POISSON_PRIOR[0]];
         for &index in &self.effects {
-            theta.extend(effects::ALL[index].parameters.iter().map(|p| p.vanishes_at));
+            theta.extend(effects::ALL[index].vanishing());
         }
         theta
     }

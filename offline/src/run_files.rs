@@ -1,5 +1,6 @@
 //! The files of a run: written whole or not at all, and a content hash to tell them apart.
 
+use serde::de::DeserializeOwned;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -58,6 +59,11 @@ fn share_as_usual(_file: &File) -> std::io::Result<()> {
 /// The whole content of a file.
 pub fn read_whole(path: &Path) -> Result<Vec<u8>, FileError> {
     fs::read(path).map_err(|source| FileError::new("read", path, source))
+}
+
+/// What an earlier run kept in a JSON file; none where there is no such file or it holds something else.
+pub fn kept<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
 }
 
 /// A binary file that is not whole, or not of the expected kind.

@@ -11,7 +11,7 @@ use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Verdict, close_loop};
 use crate::effects;
 use crate::fit::Resolution;
 use crate::residual::ResidualSummary;
-use crate::run_files::write_whole;
+use crate::run_files::{kept, write_whole};
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -105,8 +105,7 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
         .par_bridge()
         .map(|cell| -> anyhow::Result<Option<Answer>> {
             let path = file(out, cell);
-            let earlier = std::fs::read(&path).ok();
-            if let Some(answer) = earlier.and_then(|bytes| serde_json::from_slice::<Answer>(&bytes).ok()) {
+            if let Some(answer) = kept::<Answer>(&path) {
                 finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                 return Ok(Some(answer));
             }

@@ -6,7 +6,8 @@ use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitResult, Library, StopReason, along_rows, estimates, fit_from, grid_errors,
+    Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
+    grid_errors,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -171,7 +172,7 @@ fn refit_leading(
         let ended: Vec<Tried> = heats
             .into_par_iter()
             .filter_map(|(score, fit)| {
-                let fit = to_the_end(bench, &structure.with(score.effect), fit, least).ok()?;
+                let fit = to_the_end(bench, &structure.with(score.effect), fit, least);
                 judge(bench, structure, (score, fit), (&now, held_now), options).ok()
             })
             .collect();
@@ -288,19 +289,14 @@ fn heat(
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
-fn to_the_end(
-    bench: &Bench,
-    structure: &Structure,
-    fit: FitResult,
-    least: f64,
-) -> Result<FitResult, FitError> {
+fn to_the_end(bench: &Bench, structure: &Structure, fit: FitResult, least: f64) -> FitResult {
     if fit.stop != StopReason::BudgetSpent || fit.cost > HOPELESS * least {
-        return Ok(fit);
+        return fit;
     }
-    fit_from(
+    descend(
         &bench.fit,
         structure,
-        fit.best.theta,
+        fit.best,
         REFIT_EVALUATIONS - HEAT_EVALUATIONS,
     )
 }

@@ -113,6 +113,13 @@ pub struct EffectSpec {
     pub parameters: &'static [ParameterSpec],
 }
 
+impl EffectSpec {
+    /// The values of its parameters at which it changes nothing.
+    pub fn vanishing(&self) -> impl Iterator<Item = f64> {
+        self.parameters.iter().map(|p| p.vanishes_at)
+    }
+}
+
 macro_rules! registry {
     ($($name:ident),* $(,)?) => {
         /// Every effect, in the order of the registry.

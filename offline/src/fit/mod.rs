@@ -9,5 +9,5 @@ mod uncertainty;
 
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, FrameShare, Library, Problem, Resolution};
-pub use solver::{FitOptions, FitResult, StopReason, fit, fit_from, fit_starts};
+pub use solver::{FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_starts};
 pub use uncertainty::{Correlation, covariance, estimates, estimates_within, shift_by};

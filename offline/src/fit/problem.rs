@@ -178,10 +178,9 @@ impl<'a> Problem<'a> {
         theta: &[f64],
         asked: &[usize],
     ) -> Result<Library, FitError> {
-        let vanishing = |effect: usize| effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at);
         let (mut wide, mut wide_theta) = (structure.clone(), theta.to_vec());
         wide.effects.extend(asked);
-        wide_theta.extend(asked.iter().flat_map(|&effect| vanishing(effect)));
+        wide_theta.extend(asked.iter().flat_map(|&effect| effects::ALL[effect].vanishing()));
         let (mut traces, failures) = self.traces_that_run(&wide, &wide_theta)?;
         let (mut tested, mut failed) = (structure.clone(), Vec::new());
         let mut kept: Vec<usize> = (0..theta.len()).collect();

@@ -134,8 +134,19 @@ pub fn fit_from(
     theta: Vec<f64>,
     max_evaluations: usize,
 ) -> Result<FitResult, FitError> {
+    let start = problem.evaluate(structure, &theta)?;
+    Ok(descend(problem, structure, start, max_evaluations))
+}
+
+/// Descends from an evaluation, which counts as the first; returns the best iterate.
+pub fn descend(
+    problem: &Problem,
+    structure: &Structure,
+    start: Evaluation,
+    max_evaluations: usize,
+) -> FitResult {
     let info = structure.parameters();
-    let mut best = problem.evaluate(structure, &theta)?;
+    let mut best = start;
     let mut cost = total_cost(&best, &info);
     let mut evaluations = 1;
     let mut damping = 1e-3;
@@ -177,13 +188,13 @@ pub fn fit_from(
             growth *= 4.0;
         }
     };
-    Ok(FitResult {
+    FitResult {
         ends: vec![(best.theta[0], cost)],
         best,
         cost,
         stop,
         evaluations,
-    })
+    }
 }
 
 fn robust_cost(evaluation: &Evaluation, huber: f64) -> f64 {

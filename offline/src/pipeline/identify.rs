@@ -11,7 +11,7 @@ use crate::fit::{estimates, fit_from};
 use crate::model::{Estimate, Structure};
 use crate::model_file::{FORMAT, ModelFile, ModelProvenance};
 use crate::residual::{ResidualMap, ResidualSummary};
-use crate::run_files::{Fnv64, RunFolder, write_whole};
+use crate::run_files::{Fnv64, RunFolder, kept, write_whole};
 use crate::sim::rope::RopeShape;
 use serde::{Deserialize, Serialize};
 
@@ -132,8 +132,8 @@ fn key(inputs: &Inputs, settings: &RunSettings) -> u64 {
 }
 
 fn earlier(run: &RunFolder, key: u64) -> Option<(FitFile, DiagnosisFile)> {
-    let fit: FitFile = serde_json::from_slice(&std::fs::read(run.fit()).ok()?).ok()?;
-    let diagnosis: DiagnosisFile = serde_json::from_slice(&std::fs::read(run.diagnosis()).ok()?).ok()?;
+    let fit: FitFile = kept(&run.fit())?;
+    let diagnosis: DiagnosisFile = kept(&run.diagnosis())?;
     (fit.key == key && diagnosis.key == key).then_some((fit, diagnosis))
 }
 

@@ -8,7 +8,7 @@ use super::ours::{Fitted, demo_of, fit_clouds};
 use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
 use crate::observe::Section;
-use crate::run_files::{RunFolder, write_whole};
+use crate::run_files::{RunFolder, kept, write_whole};
 use crate::statistics::Rate;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -99,11 +99,7 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
         demonstrations: 0,
         ..*settings
     };
-    let kept = std::fs::read(path)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice::<Judged>(&bytes).ok())
-        .filter(|kept| kept.settings == settings);
-    if let Some(kept) = kept {
+    if let Some(kept) = kept::<Judged>(path).filter(|kept| kept.settings == settings) {
         return Ok(kept);
     }
     let truth = draw(WHOLE_RANGE, settings.seed, index);

@@ -10,7 +10,7 @@ use crate::demo::Demo;
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;
-use crate::run_files::{RunFolder, write_whole};
+use crate::run_files::{RunFolder, kept, write_whole};
 use crate::sim::rope::RopeShape;
 use crate::sim::scene::{MIN_CELLS_PER_DIAMETER, PAPER_CELLS_PER_DIAMETER};
 use crate::sim::tensor::value3;
@@ -146,11 +146,8 @@ fn finish(
     start: u64,
 ) -> anyhow::Result<Vec<Judged>> {
     let hash = crate::run_files::Fnv64::of(format!("{:?}", case.demo).as_bytes());
-    let kept = std::fs::read(path)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice::<Vec<Judged>>(&bytes).ok())
-        .filter(|kept| kept.iter().all(|j| j.settings == *settings && j.hash == hash));
-    if let Some(kept) = kept {
+    let same = |kept: &Vec<Judged>| kept.iter().all(|j| j.settings == *settings && j.hash == hash);
+    if let Some(kept) = kept(path).filter(same) {
         return Ok(kept);
     }
     let judge = |row, parameters| -> anyhow::Result<Judged> {

@@ -11,7 +11,7 @@ use super::table::{Row, Spread, Table, printed};
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;
-use crate::run_files::{RunFolder, write_whole};
+use crate::run_files::{RunFolder, kept, write_whole};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -185,11 +185,7 @@ fn finish(
     estimate: impl FnOnce() -> anyhow::Result<Vec<Estimated>>,
 ) -> anyhow::Result<Vec<Judged>> {
     let key = key(settings)?;
-    let kept = std::fs::read(path)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice::<Vec<Judged>>(&bytes).ok())
-        .filter(|kept| kept.iter().all(|j| j.settings == key));
-    if let Some(kept) = kept {
+    if let Some(kept) = kept::<Vec<Judged>>(path).filter(|kept| kept.iter().all(|j| j.settings == key)) {
         return Ok(kept);
     }
     let judged = estimate()?

@@ -7,7 +7,7 @@ use super::legs::Placed;
 use super::physics::Physics;
 use super::scene::Scene;
 use super::start::Start;
-use super::statics::{Nodes, Statics, norm_value};
+use super::statics::{Advance, Nodes, Statics};
 use super::tensor::{add, matvec, scaled, sub};
 
 /// Most steps.
@@ -53,12 +53,7 @@ fn rest_of_nodes(statics: &Statics<f64>, placed: &[Placed]) -> Result<Nodes<f64>
         if !helps {
             statics.factorise(&mut matrices, (&nodes, &held, &[]), &mut inertia, least_inertia)?;
         }
-        let step = statics.newton_step(&matrices.factor, &forces);
-        let share = statics.admissible_share(&nodes, &step);
-        for (node, change) in nodes.iter_mut().zip(&step) {
-            *node = add(*node, scaled(*change, share));
-        }
-        let moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
+        let Advance { share, moved_m, .. } = statics.advance(&mut nodes, &matrices, &forces);
         if inertia == 0.0 && share == 1.0 {
             if moved_m < TOLERANCE_CELLS * statics.grid.spacing_m {
                 return Ok(nodes);

@@ -4,8 +4,8 @@
 //! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
 //! one in which the forces at the nodes vanish: stress, weight, laws, clamps. That system is solved
 //! directly; a damped rollout to the same state takes some thousand times as many operations. The
-//! tangent matrix is that of the elastic rope in its stress-free shape, without stress laws. Numbers with tangents go through the same iteration,
-//! so that what comes out carries the exact derivatives of the rest state.
+//! tangent matrix is that of the elastic rope in its stress-free shape, without stress laws. Numbers with
+//! tangents go through the same iteration, so that what comes out carries the exact derivatives of the rest state.
 //!
 //! It takes double precision: nodes at the rope's surface are held by so little of it that single
 //! precision loses them.
@@ -93,7 +93,17 @@ type PinRow = (Pin, Vec<(usize, f64)>);
 /// The matrices of a search for a rest state, in memory that is used again.
 pub(super) struct Matrices {
     tangent: Band,
-    pub(super) factor: Factor,
+    factor: Factor,
+    /// Masses of the nodes, kg, by their place in the matrices.
+    mass_kg: Vec<f64>,
+}
+
+/// A step of Newton's method: the whole step, the share of it that was taken, and how far the whole one moves the
+/// node that it moves most, m.
+pub(super) struct Advance<T> {
+    step: Nodes<T>,
+    pub(super) share: f64,
+    pub(super) moved_m: f64,
 }
 
 /// Positions of the nodes, m.
@@ -197,19 +207,19 @@ impl<'a, T: Real> Statics<'a, T> {
         for _ in 0..MAX_STEPS {
             let forces = self.forces(&nodes, &held, &pins)?;
             self.factorise(&mut matrices, (&nodes, &held, &pins), &mut inertia, swing)?;
-            let step = self.newton_step(&matrices.factor, &forces);
-            let share = self.admissible_share(&nodes, &step);
-            for (node, change) in nodes.iter_mut().zip(&step) {
-                *node = add(*node, scaled(*change, share));
-            }
+            let taken = self.advance(&mut nodes, &matrices, &forces);
+            let share = taken.share;
             let calm = inertia == 0.0 && share == 1.0;
             inertia = match (share < 1.0, inertia < LAST_INERTIA * swing) {
                 (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
                 (false, true) => 0.0,
                 (false, false) => INERTIA_DECAY * inertia,
             };
-            moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
-            if calm && moved_m < TOLERANCE_CELLS * self.grid.spacing_m && tangents_settled(&nodes, &step) {
+            moved_m = taken.moved_m;
+            if calm
+                && moved_m < TOLERANCE_CELLS * self.grid.spacing_m
+                && tangents_settled(&nodes, &taken.step)
+            {
                 self.above_table(&nodes)?;
                 self.below_yield(&nodes)?;
                 return Ok(nodes);
@@ -346,9 +356,14 @@ impl<'a, T: Real> Statics<'a, T> {
     /// Room for the matrices of a search.
     pub(super) fn matrices(&self) -> Matrices {
         let size = 3 * self.place.len();
+        let mut mass_kg = vec![0.0; self.place.len()];
+        for (place, mass) in self.place.iter().zip(&self.grid.mass_kg) {
+            mass_kg[*place] = *mass;
+        }
         Matrices {
             tangent: Band::new(size, self.band),
             factor: Factor::new(size, self.band),
+            mass_kg,
         }
     }
 
@@ -356,16 +371,17 @@ impl<'a, T: Real> Statics<'a, T> {
     /// (1/s², times the nodes' masses) as it takes.
     pub(super) fn factorise(
         &self,
-        Matrices { tangent, factor }: &mut Matrices,
+        matrices: &mut Matrices,
         (nodes, held, pins): (&[Vec3<T>], &[Held<T>], &[PinRow]),
         inertia: &mut f64,
         inertia_least: f64,
     ) -> Result<(), Cause> {
+        let Matrices {
+            tangent,
+            factor,
+            mass_kg,
+        } = matrices;
         self.fill_tangent(tangent, nodes, held, pins);
-        let mut mass_kg = vec![0.0; self.place.len()];
-        for (place, mass) in self.place.iter().zip(&self.grid.mass_kg) {
-            mass_kg[*place] = *mass;
-        }
         while inertia.is_finite() {
             let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
             if factor.factorise(tangent, more) {
@@ -423,8 +439,24 @@ impl<'a, T: Real> Statics<'a, T> {
         }
     }
 
+    /// Moves the nodes by as much as is admissible of a step with the matrix as it was factorised last.
+    pub(super) fn advance(
+        &self,
+        nodes: &mut Nodes<T>,
+        matrices: &Matrices,
+        forces: &[Vec3<T>],
+    ) -> Advance<T> {
+        let step = self.newton_step(&matrices.factor, forces);
+        let share = self.admissible_share(nodes, &step);
+        for (node, change) in nodes.iter_mut().zip(&step) {
+            *node = add(*node, scaled(*change, share));
+        }
+        let moved_m = step.iter().map(|d| norm_value(*d)).fold(0.0, f64::max);
+        Advance { step, share, moved_m }
+    }
+
     /// Solves for value and tangents alike, in double precision.
-    pub(super) fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
+    fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
         let size = 3 * forces.len();
         let lanes: Vec<Vec<f64>> = (0..=T::TANGENTS)
             .map(|lane| {
@@ -448,7 +480,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`] and takes no more than
     /// [`VOLUME_KEPT`] of any particle's volume.
-    pub(super) fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
+    fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
         let values = |f: Mat3<T>| f.map(|row| row.map(T::value));
         // The map from nodes to gradients is linear.
         let moves: Vec<[Mat3<f64>; 2]> = (0..self.layout.particles())
@@ -494,7 +526,7 @@ impl<'a, T: Real> Statics<'a, T> {
 }
 
 /// Length of the value, without tangents.
-pub(super) fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
+fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
     v.iter().map(|c| c.value().powi(2)).sum::<f64>().sqrt()
 }
 

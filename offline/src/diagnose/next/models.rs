@@ -24,7 +24,7 @@ impl Model {
     /// With one more effect, at the value at which it vanishes.
     pub(super) fn with(&self, effect: usize) -> Self {
         let mut theta = self.theta.clone();
-        theta.extend(effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at));
+        theta.extend(effects::ALL[effect].vanishing());
         Self {
             structure: self.structure.with(effect),
             theta,

@@ -190,9 +190,8 @@ fn with_value(
         Some(place) => swing.structure.effects[..place].iter().map(count).sum(),
         None => {
             swing.structure = swing.structure.with(effect);
-            let off = effects::ALL[effect].parameters.iter().map(|p| p.vanishes_at);
             let first = swing.effect_values.len();
-            swing.effect_values.extend(off);
+            swing.effect_values.extend(effects::ALL[effect].vanishing());
             first
         }
     };
