@@ -31,7 +31,7 @@ pub const YOUNG_RANGE_PA: [f64; 2] = [2.0e4, 2.0e8];
 /// Poisson's ratios that the program admits.
 pub const POISSON_RANGE: [f64; 2] = [0.05, 0.45];
 /// Middle of the paper's range of Poisson's ratio and half its width.
-const POISSON_PRIOR: [f64; 2] = [0.3, 0.1];
+pub const POISSON_PRIOR: [f64; 2] = [0.3, 0.1];
 
 /// Which effects a model has.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -89,7 +89,8 @@ fn tangents_of_a_swing_are_slopes_also_for_the_release_point() {
 }
 
 /// The tangent holds the timing of the drag, which in truth takes longer to a point further away; the
-/// rope comes to rest before it is let go, so the reach hardly knows.
+/// rope comes to rest before it is let go, so the reach hardly knows. Within a tenth of a millimetre: further away the
+/// steps of the true task fall otherwise.
 #[test]
 fn the_tangent_of_the_release_point_is_the_slope_of_the_true_task() {
     let scene = swing(RELEASE_M);
@@ -102,7 +103,7 @@ fn the_tangent_of_the_release_point_is_the_slope_of_the_true_task() {
     };
     let theta = family.theta(SOFT, 0.0);
     let tangents = Tangents::<f64>::new(&scene, &family, &theta).unwrap();
-    let h = 2e-4;
+    let h = 5e-5;
     for k in 0..2 {
         let reach = |by: f64| {
             let mut release_m = RELEASE_M;

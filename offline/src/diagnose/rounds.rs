@@ -224,7 +224,7 @@ pub fn close_loop(
     }
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
     progress("estimating what the grid itself may have moved");
-    let grid_shift = grid_shift([&bench.fit, &bench.finer], &structure, &fitted.best)?;
+    let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
     let (verdict, reasons) = conclude(&Facts {
         structure: &structure,
         base: &ResidualSummary::of(&base.best),

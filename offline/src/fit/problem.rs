@@ -1,6 +1,7 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
 use super::sensitivity::{Trace, flows};
+use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
 use crate::model::Structure;
@@ -78,6 +79,7 @@ impl FrameShare {
 }
 
 /// Demonstrations with the scenes that simulate them.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// Demonstrations.
     pub demos: Vec<&'a Demo>,
@@ -89,6 +91,8 @@ pub struct Problem<'a> {
     pub frames: FrameShare,
     /// Which points of the rope the clouds hold.
     pub section: Section,
+    /// Share by which the simulated bending stiffness may be off from the measured rope's.
+    pub stiffness_accuracy: f64,
 }
 
 /// Residual and Jacobian at one θ. Rows of all demonstrations stand one after another.
@@ -130,6 +134,7 @@ impl<'a> Problem<'a> {
             noise_scale: 1.0,
             frames: FrameShare::All,
             section: Section::default(),
+            stiffness_accuracy: STIFFNESS_ACCURACY,
         })
     }
 

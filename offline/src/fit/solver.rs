@@ -2,6 +2,7 @@
 //! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
 use super::problem::{Evaluation, FitError, Problem};
+use super::uncertainty::{POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -151,7 +152,8 @@ pub fn descend(
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
-    let held = out_of_plane(problem, &best, &info);
+    let mut held = out_of_plane(problem, &best, &info);
+    held[POISSON] |= !tells_poisson(&best, problem.stiffness_accuracy);
     let stop = loop {
         if evaluations >= max_evaluations {
             break StopReason::BudgetSpent;

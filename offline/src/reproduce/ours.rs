@@ -8,7 +8,8 @@ use crate::demo::{
     CloudFrame, Demo, DemoSpec, FORMAT, Observations, RopeSpec, SceneKind, StartState, TableSpec,
 };
 use crate::fit::{
-    FINER, FitError, FitOptions, FitResult, FrameShare, Problem, estimates_within, fit_starts, grid_shift,
+    FitError, FitOptions, FitResult, FrameShare, Problem, STIFFNESS_ACCURACY, estimates_within, fit_starts,
+    grid_shift,
 };
 use crate::model::Structure;
 use crate::observe::Section;
@@ -86,15 +87,18 @@ pub fn fit_clouds(
 ) -> Result<Fitted, FitError> {
     let mut scene = scene.clone();
     scene.keep_particles = false;
-    let mut fine = scene.clone();
-    fine.lay_grid(FINER * scene.rope.diameter_m / scene.grid.spacing_m);
-    let [problem, finer] = [scene, fine].map(|scene| Problem {
+    let problem = Problem {
         demos: vec![demo],
         scenes: vec![scene],
         noise_scale: 1.0,
         frames: FrameShare::All,
         section,
-    });
+        // Points inside a rope are a simulation's particles, as the paper has them, and its grid is the fit's.
+        stiffness_accuracy: match section {
+            Section::Filled => 0.0,
+            Section::Surface => STIFFNESS_ACCURACY,
+        },
+    };
     let density = demo_density(demo);
     let structure = Structure::default();
     let starts = (0..starts)
@@ -106,7 +110,7 @@ pub fn fit_clouds(
         ..FitOptions::default()
     };
     let result = fit_starts(&problem, &structure, starts, &options)?;
-    let shift = grid_shift([&problem, &finer], &structure, &result.best)?;
+    let shift = grid_shift(&problem, &structure, &result.best)?;
     Ok(fitted(&result, &structure, &shift, density))
 }
 

@@ -75,8 +75,8 @@ pub struct Blocks<L: Lanes> {
     pub lame: Vec<Lame<L>>,
     /// Viscosities by channel over the node spacing, Pa s/m.
     pub viscosity: Vec<Lame<L>>,
-    /// As [`super::step::StepContext`] has it.
-    pub clamp_stiffness: f64,
+    /// As [`super::step::StepContext`] has it, by channel.
+    pub clamp_stiffness: Vec<L>,
     /// Share of the particles' momenta that they give to the nodes in the step at hand.
     pub carried: f64,
     /// Whether any particle's mass has tangents.
@@ -309,13 +309,19 @@ impl<L: Lanes> Blocks<L> {
         let (block, mask) = (held.block, held.mask);
         let (width, first) = (self.transfer.width, self.first(block, 0));
         let per_step = L::of(1.0 / self.dt_s);
-        let springs = mask.scale(self.clamp_stiffness);
+        let springs = mask * self.clamp_stiffness[0];
         for channel in 0..self.channels {
             let own = self.first(block, channel);
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {
                 let (value, body) = (&self.bodies[first + member], &self.bodies[own + member]);
-                let (stiffness, change) = (value.mass_kg * springs, body.mass_kg * springs);
+                let stiffness = value.mass_kg * springs;
+                let change = if channel == 0 {
+                    stiffness
+                } else {
+                    let slope = mask * self.clamp_stiffness[channel];
+                    body.mass_kg.times_plus(springs, value.mass_kg * slope)
+                };
                 let offset = &held.offsets_m[member];
                 let asked = asked_change(&motion[channel], offset, body, per_step);
                 let asked_value = asked_change(&motion[0], offset, value, per_step);

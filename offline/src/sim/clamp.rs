@@ -1,14 +1,14 @@
 //! A clamp: a path in time, and the particles that follow it through stiff, implicit springs.
 //!
-//! Each gripped particle is pulled to its place in the rigid motion of the clamp by a spring of
-//! stiffness κ m/dt², integrated implicitly on the grid. Being tied to particles, hence to the
+//! Each gripped particle is pulled to its place in the rigid motion of the clamp by a spring as stiff as
+//! the rope itself ([`STIFFNESS`]), integrated implicitly on the grid. Being tied to particles, hence to the
 //! material, the clamp does not depend on how it lies relative to grid nodes; being a spring to a
 //! *place*, it neither creeps nor hinges, which velocity constraints do.
 //!
 //! A spring acts on what its particle does, and on next to nothing else ([`KEPT`]). The nodes' implicit update
 //! alone would ask every node for the velocity gap/dt: it would also hold back nodes whose particles stand
-//! still, a dashpot of κ m/dt that belongs to no clamp and changes with the time step. With q the share of it
-//! that is taken out:
+//! still, a dashpot of κ m/dt (κ: stiffness times dt² over the mass) that belongs to no clamp and changes with the
+//! time step. With q the share of it that is taken out, measured with springs of κ = 10:
 //!
 //! | | q = 0 | 0.99 | 1 |
 //! |---|---|---|---|
@@ -25,6 +25,10 @@
 //! With q = 1 the nodes inside a clamp ring on after a drop, and gradients grow.
 //!
 //! What did not pay:
+//! - *Springs of κ m/dt²*, κ = 10. They were as stiff as these at ν = 0.3, but the step depends on Poisson's ratio and
+//!   on every damping: at ν = 0.45 they were four times stiffer. A fit took that for Poisson's ratio (its tangent,
+//!   which knows nothing of the step, was a third of the slope), E of the shipped rope came out 2.4 % low with a tenth
+//!   of that as its error, and what was left of its residual was alike from frame to frame (0.34; now 0.08).
 //! - *Springs on the nodes* that carry gripped material, with the nodes' places as state: 0.4 µm, but they hold
 //!   more than is gripped. The sag of a cantilever is 5 to 16 % too small with κ times the gripped mass; at best
 //!   (that times the square of its share of the node's mass, κ = 30) within 3.6 % over four alignments, and
@@ -37,12 +41,19 @@ use super::real::Real;
 use super::step::Particle;
 use super::tensor::{Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3};
 
-/// κ: stiffness of the clamp's springs. On an elastic foundation of this stiffness a beam's clamped
-/// end gives by a length (4 E I / k)^¼, a fifth of a cell here. Measured on a cantilever 1.8 cells
-/// thick with the clamp at four places between nodes: the sag spreads over 1.5 % for κ = 5, 2.2 %
-/// for 10, 3.4 % for 20, 6 % for 100 and 9 % for 1000, because stiff springs lock the nodes at the
-/// clamp's edge, and which nodes these are depends on the place; its mean is 3 % above beam theory.
-pub const STIFFNESS: f64 = 10.0;
+/// Stiffness of the clamps' springs over the mass of their particles, as a multiple of E/(ρ dx²): of the rope and the
+/// grid, not of the time step, so that the clamp stays what it is when the step changes, with Poisson's ratio, damping
+/// or by choice. On an elastic foundation of this stiffness a beam's clamped end gives by a length (4 E I / k)^¼, a
+/// third of a cell; the kernel's smoothing shortens the rope by as much. Sag of a cantilever of ten diameters at three
+/// alignments along it, least and most over 1.5, 2.1, 3 and 4.2 cells, %:
+///
+/// | 10 | 20 | 28 | 40 |
+/// |---|---|---|---|
+/// | 2.0 to 5.4 | 0.9 to 3.0 | 0.4 to 2.1 | −0.6 to 1.2 |
+///
+/// Much stiffer springs lock the nodes at the clamp's edge, and which nodes these are depends on the place: with 160,
+/// half a cell changes the bending stiffness that a lift shows by 4.7 % (40: 1.7 %, 10: 0.4 %).
+pub const STIFFNESS: f64 = 40.0;
 
 /// q: share of its own velocity that a node in a clamp keeps where its particles do not see it. The rest damps
 /// what rings in there.
@@ -383,14 +394,14 @@ impl<T: Real> RigidMotion<T> {
 pub fn grip_forces_n<T: Real>(
     particles: &[Particle<T>],
     motions: &[Option<RigidMotion<T>>],
-    clamp_per_kg: f64,
+    clamp_per_kg: T,
 ) -> Vec<Vec3<T>> {
     let mut forces = vec![zero3(); motions.len()];
     for p in particles {
         let Some((grip, offset_m)) = p.grip else { continue };
         let Some(motion) = &motions[grip] else { continue };
         let gap = sub(motion.place(offset_m), p.position_m);
-        forces[grip] = add(forces[grip], mul(gap, p.mass_kg.scale(clamp_per_kg)));
+        forces[grip] = add(forces[grip], mul(gap, p.mass_kg * clamp_per_kg));
     }
     forces
 }

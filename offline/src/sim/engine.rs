@@ -42,7 +42,7 @@ pub(super) trait Engine<T> {
     fn fastest(&self) -> (usize, f64);
     /// Force of every grip on the rope in the step that ended in this state, N; the clamps' springs have
     /// the stiffness `clamp_per_kg`, 1/s², times mass.
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>>;
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: T) -> Vec<Vec3<T>>;
     /// Number of slices.
     fn slices(&self) -> usize;
     /// Middle of a slice and its velocity, m and m/s.
@@ -127,7 +127,7 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         }
         fastest
     }
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: T) -> Vec<Vec3<T>> {
         grip_forces_n(&self.particles, motions, clamp_per_kg)
     }
     fn slices(&self) -> usize {

@@ -501,13 +501,9 @@ impl Scene {
         Ok(steps as usize)
     }
 
-    /// Stiffness of the clamps' springs as a multiple of mass over the square of the time step: shorter
-    /// steps leave the springs as they are.
-    pub fn clamp_stiffness(&self) -> f64 {
-        match self.step {
-            StepLength::Longest => STIFFNESS * self.step_share * self.step_share,
-            StepLength::Fixed(_) => STIFFNESS,
-        }
+    /// Stiffness of the clamps' springs over the mass of their particles, 1/s².
+    pub fn clamp_per_kg<T: Arithmetic>(&self, young_pa: T) -> T {
+        young_pa.scale(STIFFNESS / (self.rope.density_kg_m3() * self.grid.spacing_m.powi(2)))
     }
 
     /// Time step, s: [`Scene::step_share`] of the least of three: [`STABLE_SHARE`] of what is stable for the

@@ -18,7 +18,7 @@ use super::grid::{Grid, STENCIL};
 use super::material::Material;
 use super::physics::{ForcePoint, Physics};
 use super::real::Real;
-use super::rollout::{grip_motions, masses_kg, mouths, time_step};
+use super::rollout::{grip_motions, masses_kg, mouths};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::stiffness::{Common, add_spring, add_stiffness, stress_slope};
@@ -78,7 +78,7 @@ pub struct Statics<'a, T: Real> {
     lame: Lame<T>,
     /// The material, of which nothing is taken down yet.
     material: Material<T>,
-    /// Stiffness of the clamps' springs per mass, 1/s²: κ/dt² of the rollout.
+    /// Stiffness of the clamps' springs per mass, 1/s², that of the rollout.
     clamp_per_kg: T,
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
@@ -118,7 +118,6 @@ impl<'a, T: Real> Statics<'a, T> {
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
         let material = Material::new(physics, &layout, &mouths(scene));
-        let dt_s = time_step(scene, physics);
         let mut statics = Self {
             scene,
             physics,
@@ -127,7 +126,7 @@ impl<'a, T: Real> Statics<'a, T> {
             masses_kg,
             lame,
             material,
-            clamp_per_kg: T::of(scene.clamp_stiffness()) / (dt_s * dt_s),
+            clamp_per_kg: scene.clamp_per_kg(physics.young_pa),
             place: Vec::new(),
             band: 0,
         };

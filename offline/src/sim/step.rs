@@ -55,7 +55,7 @@ pub struct StepContext<'a, T> {
     /// Share of a node's velocity that is replaced in a step by what its particles carry.
     pub forgotten: f64,
     /// Stiffness of a clamp's spring as a multiple of its particle's mass over the square of the time step.
-    pub clamp_stiffness: f64,
+    pub clamp_stiffness: T,
     /// The table.
     pub table: Option<Contact>,
     /// Particles per slice.
@@ -78,15 +78,15 @@ impl<'a, T: Real> StepContext<'a, T> {
             dt_s,
             forgotten: -libm::expm1(-dt_s / FORGET_S),
             diameter_m: scene.rope.diameter_m,
-            clamp_stiffness: scene.clamp_stiffness(),
+            clamp_stiffness: scene.clamp_per_kg(physics.young_pa).scale(dt_s * dt_s),
             table: Contact::of(scene, section),
             section,
         }
     }
 
     /// Stiffness of a clamp's spring over its particle's mass, 1/s².
-    pub fn clamp_per_kg(&self) -> f64 {
-        self.clamp_stiffness / (self.dt_s * self.dt_s)
+    pub fn clamp_per_kg(&self) -> T {
+        self.clamp_stiffness.scale(1.0 / (self.dt_s * self.dt_s))
     }
 }
 
@@ -220,7 +220,7 @@ pub(super) fn clamp_target<T: Real>(
     let (grip, offset_m) = particle.grip?;
     let motion = motions[grip].as_ref()?;
     let gap = sub(motion.place(offset_m), particle.position_m);
-    let stiffness = particle.mass_kg.scale(context.clamp_stiffness);
+    let stiffness = particle.mass_kg * context.clamp_stiffness;
     let asked = sub(
         scaled(gap, 1.0 / context.dt_s),
         scaled(particle.velocity_m_s, KEPT),

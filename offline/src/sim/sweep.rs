@@ -105,6 +105,13 @@ fn footing<'a, T: Laned, I: Instructions>(
     }
 }
 
+/// A number in every lane, by channel.
+fn channels<T: Laned, I: Instructions>(number: &T) -> Vec<T::Plain<I>> {
+    (0..T::CHANNELS)
+        .map(|k| T::Plain::<I>::splat(number.channel(k)))
+        .collect()
+}
+
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn new(
         context: &StepContext<T>,
@@ -155,7 +162,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 stress_scales,
                 lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),
                 viscosity: (0..T::CHANNELS).map(|k| moduli(&per_cell, k)).collect(),
-                clamp_stiffness: context.clamp_stiffness,
+                clamp_stiffness: channels::<T, I>(&context.clamp_stiffness),
                 carried: 0.0,
                 masses_vary: masses.iter().any(tangents),
                 impulse: rows(3),
@@ -263,7 +270,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         fastest
     }
 
-    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: f64) -> Vec<Vec3<T>> {
+    fn grip_forces_n(&self, motions: &[Option<RigidMotion<T>>], clamp_per_kg: T) -> Vec<Vec3<T>> {
         let members = self.blocks.transfer.members.len();
         let mut forces = vec![zero3(); motions.len()];
         for held in &self.blocks.held {
@@ -281,7 +288,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 for lane in (0..Self::COUNT).filter(|&lane| mask[lane].value() != 0.0) {
                     let place = motion.place(offset.map(|lanes| lanes[lane].value()));
                     let mass: T = number(|body, _| body.mass_kg, 0, lane);
-                    let stiffness = mass.scale(clamp_per_kg);
+                    let stiffness = mass * clamp_per_kg;
                     for a in 0..3 {
                         let gap = place[a] - number(|body, a| body.position_m[a], a, lane);
                         forces[held.grip][a] += gap * stiffness;

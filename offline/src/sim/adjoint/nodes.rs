@@ -70,8 +70,8 @@ impl<F: Precision> NodeForces<'_, F> {
         out.velocity = mul(bar, self.mass);
         out.before = before;
         // A node that sticks has no tangential velocity; undoing the clamp leaves rounding in place
-        // of that zero.
-        let rounding = 8.0 * F::EPSILON / self.mass.value();
+        // of that zero: what the clamps ask for is a sum over up to some hundred particles.
+        let rounding = 64.0 * F::EPSILON / self.mass.value();
         for k in 0..2 {
             let size = (after[k] * total).value().abs() + asked[k].value().abs();
             if before[k].value().abs() <= rounding * size {

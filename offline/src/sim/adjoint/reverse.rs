@@ -68,6 +68,7 @@ struct Totals {
     viscosity: [f64; 2],
     friction: f64,
     gravity: [f64; 3],
+    clamp_stiffness: f64,
 }
 
 struct WayBack<'a, F: Precision, I: Instructions> {
@@ -458,9 +459,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             let width = self.engine.blocks.transfer.width;
             let transfer = &self.engine.blocks.transfer;
             transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
-            let springs = self.engine.blocks.held[held]
-                .mask
-                .scale(self.setup.context.clamp_stiffness);
+            let mask = self.engine.blocks.held[held].mask;
+            let springs = mask * splat(self.setup.context.clamp_stiffness);
+            let mut by_stiffness = F::Plain::<I>::zero();
             for member in 0..members {
                 let index = block * members + member;
                 let (body, offset) = (
@@ -489,10 +490,12 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                     self.bars[index].position[a] -= place[a];
                     self.bars[index].velocity[a] -= velocity[a];
                 }
+                by_stiffness = by_mass.times_plus(body.mass_kg * mask, by_stiffness);
                 if self.weighed {
                     self.add_to_masses(block, member, by_mass * springs);
                 }
             }
+            self.totals.clamp_stiffness += total(by_stiffness);
         }
         for (grip, bar) in of_motions.iter().enumerate() {
             if motions[grip].is_some() {
@@ -536,6 +539,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         session.seed(context.viscosity.mu, self.totals.viscosity[0] * per_cell);
         session.seed(context.viscosity.lambda, self.totals.viscosity[1] * per_cell);
         session.seed(context.physics.friction, self.totals.friction);
+        session.seed(context.clamp_stiffness, self.totals.clamp_stiffness);
         for k in 0..3 {
             session.seed(context.physics.gravity_m_s2[k], self.totals.gravity[k]);
         }
