@@ -80,16 +80,16 @@ pub fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
 type Division = fn(&mut Scene);
 
 /// Other divisions of the rope and of space, each as good as the fit's: a finer grid, thinner slices, another place
-/// between the nodes. What they change is the simulation's own error. It is not scaled up as if it fell with a power
-/// of the spacing, because from 1.5 to 4 cells it hardly does (`offline verify`, sag of a cantilever).
+/// between the nodes. What each changes is one part of the simulation's own error. It is not scaled up as if it fell
+/// with a power of the spacing, because from 1.5 to 4 cells it hardly does (`offline verify`, sag of a cantilever).
 const DIVISIONS: [Division; 3] = [
     |scene| scene.lay_grid(FINER * scene.rope.diameter_m / scene.grid.spacing_m),
     |scene| scene.sampling.slice_cells /= 1.2,
     |scene| scene.grid.shift_cells = scene.grid.shift_cells.map(|shift| shift + 0.25),
 ];
 
-/// How far the simulation's own error may have moved each entry of θ: the root mean square, over other divisions of
-/// the scene, of how far each would move it, to first order.
+/// How far the simulation's own error may have moved each entry of θ: how far each of the other divisions of the scene
+/// would move it, to first order, added in squares as the independent errors that they are.
 ///
 /// # Errors
 /// A simulation stopped.
@@ -105,7 +105,7 @@ pub fn grid_shift(
         let errors = differences([problem, &other], structure, &evaluation.theta, 1.0)?;
         let shift = shift_by(evaluation, structure, &along_rows(evaluation, &errors));
         for (square, shift) in squares.iter_mut().zip(shift) {
-            *square += shift * shift / DIVISIONS.len() as f64;
+            *square += shift * shift;
         }
     }
     Ok(squares.into_iter().map(f64::sqrt).collect())
