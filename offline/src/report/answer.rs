@@ -130,8 +130,9 @@ pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: O
             }
         }
         p.quiet {
-            "± is one standard error: noise with its correlation and, in the final model, how far a finer grid "
-            "would move the value; errors of the model itself are not in it. A parameter is not identified where the data say little "
+            "± is one standard error: noise with its correlation and, in the final model, how far a finer grid, "
+            "thinner slices and another place on the grid would move the value; errors of the model itself are not in it. "
+            "A parameter is not identified where the data say little "
             "beyond its prior; the value in brackets is then mostly the prior’s."
         }
     }
