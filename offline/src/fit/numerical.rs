@@ -1,11 +1,12 @@
-//! The simulation's own error: how far predictions move on a finer grid, and how far that may have moved the
-//! parameters.
+//! The simulation's own error: how far predictions move on a finer grid or with other particles, and how far that may
+//! have moved the parameters.
 
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::shift_by;
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate};
-use crate::sim::Scene;
+use crate::sim::{Rollout, Scene};
+use rayon::prelude::*;
 
 /// Cells across the rope of a finer grid that tells the simulation's own error, over those of the fit's.
 pub const FINER: f64 = 1.4;
@@ -27,21 +28,15 @@ pub fn grid_errors(
     theta: &[f64],
 ) -> Result<Vec<GridError>, FitError> {
     let ratio = finer.scenes[0].grid.spacing_m / fit.scenes[0].grid.spacing_m;
-    differences([fit, finer], structure, theta, 1.0 / (1.0 - ratio))
+    let (coarse, fine) = rayon::join(
+        || fit.predict(structure, theta),
+        || finer.predict(structure, theta),
+    );
+    Ok(differences(&coarse?, &fine?, 1.0 / (1.0 - ratio)))
 }
 
-/// How far the second problem predicts from the first, times a scale.
-fn differences(
-    [fit, other]: [&Problem; 2],
-    structure: &Structure,
-    theta: &[f64],
-    scale: f64,
-) -> Result<Vec<GridError>, FitError> {
-    let (usual, other) = rayon::join(
-        || fit.predict(structure, theta),
-        || other.predict(structure, theta),
-    );
-    let (usual, other) = (usual?, other?);
+/// How far other predictions lie from the usual ones, times a scale.
+fn differences(usual: &[Rollout<f32>], other: &[Rollout<f32>], scale: f64) -> Vec<GridError> {
     let of_frame = |arcs_m: &[f64], frame: &[[f32; 3]], (other_m, other): (&[f64], &[[f32; 3]])| {
         let difference = |(point, &s): (&[f32; 3], &f64)| {
             let there = interpolate(other, bracket(other_m, s));
@@ -49,18 +44,16 @@ fn differences(
         };
         frame.iter().zip(arcs_m).map(difference).collect()
     };
-    let pairs = usual.iter().zip(&other);
-    Ok(pairs
-        .map(|(u, o)| GridError {
+    let of_rollout = |(u, o): (&Rollout<f32>, &Rollout<f32>)| {
+        let frames = u.frames.iter().zip(&o.frames);
+        GridError {
             arcs_m: u.arc_m.clone(),
-            frames: u
-                .frames
-                .iter()
-                .zip(&o.frames)
+            frames: frames
                 .map(|(frame, other)| of_frame(&u.arc_m, frame, (&o.arc_m, other)))
                 .collect(),
-        })
-        .collect())
+        }
+    };
+    usual.iter().zip(other).map(of_rollout).collect()
 }
 
 /// The errors along the direction of each row of an evaluation, m.
@@ -98,15 +91,15 @@ pub fn grid_shift(
     structure: &Structure,
     evaluation: &Evaluation,
 ) -> Result<Vec<f64>, FitError> {
-    let mut squares = vec![0.0; evaluation.theta.len()];
-    for divide in DIVISIONS {
+    let theta = &evaluation.theta;
+    let usual = problem.predict(structure, theta)?;
+    let shift = |divide: &Division| {
         let mut other = problem.clone();
         other.scenes.iter_mut().for_each(divide);
-        let errors = differences([problem, &other], structure, &evaluation.theta, 1.0)?;
-        let shift = shift_by(evaluation, structure, &along_rows(evaluation, &errors));
-        for (square, shift) in squares.iter_mut().zip(shift) {
-            *square += shift * shift;
-        }
-    }
-    Ok(squares.into_iter().map(f64::sqrt).collect())
+        let errors = differences(&usual, &other.predict(structure, theta)?, 1.0);
+        Ok(shift_by(evaluation, structure, &along_rows(evaluation, &errors)))
+    };
+    let shifts: Vec<Vec<f64>> = DIVISIONS.par_iter().map(shift).collect::<Result<_, FitError>>()?;
+    let of_entry = |k: usize| shifts.iter().map(|shift| shift[k].powi(2)).sum::<f64>().sqrt();
+    Ok((0..theta.len()).map(of_entry).collect())
 }

@@ -224,6 +224,19 @@ mod tests {
     }
 
     #[test]
+    fn what_a_ratio_that_is_not_told_may_move_is_in_the_error_of_e() {
+        // It moves every offset as E does, 4e-4 a unit against 1e-2: its prior's 0.1 counts as 0.4 % of E.
+        let mut alike = evaluation(4e-4);
+        alike.jacobian.column_mut(POISSON).fill(4e-4);
+        let of_young = |e: &Evaluation| {
+            let young = &estimates(e, &Structure::default())[YOUNG];
+            young.standard_error / young.value
+        };
+        assert!((of_young(&alike) - 0.004).abs() < 1e-4, "{}", of_young(&alike));
+        assert!(of_young(&evaluation(4e-4)) < 1e-4);
+    }
+
+    #[test]
     fn a_ratio_that_moves_the_rope_less_than_the_models_own_error_keeps_its_prior() {
         // Half of the prior's 0.1 against 5 % of E: 0.02 mm and 2 mm against 0.5 mm.
         for (per_ratio, identified) in [(4e-4, false), (4e-2, true)] {
