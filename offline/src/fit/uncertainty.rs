@@ -144,7 +144,7 @@ fn moves_m(evaluation: &Evaluation, k: usize, change: f64) -> f64 {
 }
 
 /// Whether half the width of its prior in Poisson's ratio moves the rope by more than a bending stiffness that is
-/// wrong by a share of `accuracy`. If not, whatever ratio fits best is what makes up for the grid: with 4,500 exact
+/// wrong by a share of `accuracy`. If not, whatever ratio fits best is what makes up for the grid: with 4,500
 /// offsets of a lift it went to its bound, and took E along by one per cent.
 pub(super) fn tells_poisson(evaluation: &Evaluation, accuracy: f64) -> bool {
     moves_m(evaluation, POISSON, IDENTIFIED_SHARE * POISSON_PRIOR[1]) > moves_m(evaluation, YOUNG, accuracy)
