@@ -29,6 +29,17 @@ struct Both {
     reverse: Vec<f64>,
 }
 
+/// Gradients in forward mode, ln E moved by `nudge`.
+fn forward<F: Precision>(scene: &Scene, nudge: f64) -> Vec<Contracted>
+where
+    Dual<F, LANES>: Laned,
+{
+    let family = everything(scene);
+    let mut theta = family.theta(SOFT, 0.2);
+    theta[0] += nudge;
+    forward_gradient::<F, _>(scene, &family, &theta, &smooth_cotangent(scene)).unwrap()
+}
+
 fn both<F: Precision>(scene: &Scene) -> Both
 where
     Dual<F, LANES>: Laned,
@@ -39,7 +50,7 @@ where
     let got = reverse_gradient::<F, _>(scene, &family, &theta, &cotangent, DEFAULT_BUDGET_BYTES).unwrap();
     Both {
         names: family.names(),
-        forward: forward_gradient::<F, _>(scene, &family, &theta, &cotangent).unwrap(),
+        forward: forward::<F>(scene, 0.0),
         reverse: got.gradient.theta,
     }
 }
@@ -52,13 +63,7 @@ fn costs([double, single]: [&[Contracted]; 2]) -> Vec<f64> {
 
 /// The same next to θ, closer than matters: one rollout alone can be off by far less than usual.
 fn costs_nearby(scene: &Scene) -> Vec<f64> {
-    let family = everything(scene);
-    let mut theta = family.theta(SOFT, 0.2);
-    theta[0] += 1e-5;
-    let cotangent = smooth_cotangent(scene);
-    let double = forward_gradient::<f64, _>(scene, &family, &theta, &cotangent).unwrap();
-    let single = forward_gradient::<f32, _>(scene, &family, &theta, &cotangent).unwrap();
-    costs([&double, &single])
+    costs([&forward::<f64>(scene, 1e-5), &forward::<f32>(scene, 1e-5)])
 }
 
 /// In double precision as a share of the derivative itself. In single precision both modes agree to 1e-4

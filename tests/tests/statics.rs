@@ -344,9 +344,6 @@ fn the_fit_of_static_poses_finds_the_stiffness_of_the_elastica() {
     assert!(error.abs() < GRID_ERROR, "E is off by {:.1} %", 100.0 * error);
 }
 
-/// A loop as in `wires`: level clamps, the wire leaves both away from the gap between them. Its shape
-/// says little of its stiffness (24 % move it by 1 mm), so the shape is compared: a clamped end gives
-/// by a fifth of a cell (`sim/clamp.rs`).
 /// Curvature towards the side bends a rope out of the plane in which it is seen: nothing measured tells it, and a
 /// large one would shorten the rope there as a wrong scale does.
 #[test]
@@ -366,6 +363,9 @@ fn what_moves_a_rope_only_out_of_its_plane_is_not_fitted() {
     assert_ne!(problem(&demo)[2], 1e-7, "seen from all sides it is fitted");
 }
 
+/// A loop as in `wires`: level clamps, the wire leaves both away from the gap between them. Its shape
+/// says little of its stiffness (24 % move it by 1 mm), so the shape is compared: a clamped end gives
+/// by a third of a cell (`sim/clamp.rs`).
 #[test]
 fn a_loop_held_at_both_ends_hangs_as_the_elastica_does() {
     let wire = Rope {

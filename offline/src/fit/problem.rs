@@ -128,14 +128,19 @@ impl<'a> Problem<'a> {
             .iter()
             .map(|demo| Scene::of_demo(demo, resolution.cells).map_err(|error| simulation(demo, error)))
             .collect::<Result<_, _>>()?;
-        Ok(Self {
-            demos: demos.to_vec(),
+        Ok(Self::of_scenes(demos.to_vec(), scenes))
+    }
+
+    /// Demonstrations with a scene for each, all of their frames.
+    pub fn of_scenes(demos: Vec<&'a Demo>, scenes: Vec<Scene>) -> Self {
+        Self {
+            demos,
             scenes,
             noise_scale: 1.0,
             frames: FrameShare::All,
             section: Section::default(),
             stiffness_accuracy: STIFFNESS_ACCURACY,
-        })
+        }
     }
 
     /// Whether every demonstration can be simulated with an effect: where a rope hangs is found without the way

@@ -84,32 +84,28 @@ pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64
         hessian[(k, k)] += prior * (factor - 1.0);
     }
     let told = told(evaluation);
-    let Some(factored) = hessian.select_columns(&told).select_rows(&told).cholesky() else {
+    let Some(factored) = (told.tr_mul(&hessian) * &told).cholesky() else {
         return DMatrix::from_diagonal_element(n, n, f64::INFINITY);
     };
-    let mut covariance = DMatrix::zeros(n, n);
-    let own = factored.inverse() * factor;
-    for (i, &a) in told.iter().enumerate() {
-        for (j, &b) in told.iter().enumerate() {
-            covariance[(a, b)] = own[(i, j)];
-        }
-    }
-    for k in (0..n).filter(|k| !told.contains(k)) {
-        let pulled = factored.solve(&hessian.column(k).select_rows(&told));
-        let mut moved = DVector::zeros(n);
-        moved[k] = info[k].prior_sd;
-        for (i, &a) in told.iter().enumerate() {
-            moved[a] = -pulled[i] * info[k].prior_sd;
-        }
+    let mut covariance = &told * (factored.inverse() * factor) * told.transpose();
+    if told.ncols() < n {
+        let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
+        moved[POISSON] = 1.0;
+        moved *= info[POISSON].prior_sd;
         covariance += &moved * moved.transpose();
     }
     covariance
 }
 
-/// The entries of θ that the data tell.
-fn told(evaluation: &Evaluation) -> Vec<usize> {
-    let held = |k: usize| k == POISSON && !tells_poisson(evaluation, STIFFNESS_ACCURACY);
-    (0..evaluation.theta.len()).filter(|&k| !held(k)).collect()
+/// What makes θ of the entries that the data tell: the unit matrix without the columns of the others.
+fn told(evaluation: &Evaluation) -> DMatrix<f64> {
+    let n = evaluation.theta.len();
+    let all = DMatrix::identity(n, n);
+    if tells_poisson(evaluation, STIFFNESS_ACCURACY) {
+        all
+    } else {
+        all.remove_column(POISSON)
+    }
 }
 
 /// How far errors of the prediction along each row, m, move the optimum, to first order.
@@ -120,13 +116,10 @@ pub fn shift_by(evaluation: &Evaluation, structure: &Structure, errors_m: &[f64]
     let errors = errors.map(|((row, error), weight)| weight * error / row.sigma_m);
     let pull = jacobian.tr_mul(&DVector::from_iterator(errors_m.len(), errors));
     let told = told(evaluation);
-    let mut shift = vec![0.0; evaluation.theta.len()];
-    let solved = hessian.select_columns(&told).select_rows(&told).cholesky();
-    let moved = solved.map(|factored| factored.solve(&pull.select_rows(&told)));
-    for (i, &k) in told.iter().enumerate() {
-        shift[k] = moved.as_ref().map_or(f64::INFINITY, |moved| moved[i]);
+    match (told.tr_mul(&hessian) * &told).cholesky() {
+        Some(factored) => (&told * factored.solve(&told.tr_mul(&pull))).data.into(),
+        None => vec![f64::INFINITY; evaluation.theta.len()],
     }
-    shift
 }
 
 /// Share of the prior's standard deviation above which a parameter counts as not identified.

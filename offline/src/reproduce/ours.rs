@@ -8,8 +8,7 @@ use crate::demo::{
     CloudFrame, Demo, DemoSpec, FORMAT, Observations, RopeSpec, SceneKind, StartState, TableSpec,
 };
 use crate::fit::{
-    FitError, FitOptions, FitResult, FrameShare, Problem, STIFFNESS_ACCURACY, estimates_within, fit_starts,
-    grid_shift,
+    FitError, FitOptions, FitResult, Problem, STIFFNESS_ACCURACY, estimates_within, fit_starts, grid_shift,
 };
 use crate::model::Structure;
 use crate::observe::Section;
@@ -88,16 +87,13 @@ pub fn fit_clouds(
     let mut scene = scene.clone();
     scene.keep_particles = false;
     let problem = Problem {
-        demos: vec![demo],
-        scenes: vec![scene],
-        noise_scale: 1.0,
-        frames: FrameShare::All,
         section,
         // Points inside a rope are a simulation's particles, as the paper has them, and its grid is the fit's.
         stiffness_accuracy: match section {
             Section::Filled => 0.0,
             Section::Surface => STIFFNESS_ACCURACY,
         },
+        ..Problem::of_scenes(vec![demo], vec![scene])
     };
     let density = demo_density(demo);
     let structure = Structure::default();

@@ -312,6 +312,7 @@ impl<L: Lanes> Blocks<L> {
         let springs = mask * self.clamp_stiffness[0];
         for channel in 0..self.channels {
             let own = self.first(block, channel);
+            let slope = mask * self.clamp_stiffness[channel];
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {
                 let (value, body) = (&self.bodies[first + member], &self.bodies[own + member]);
@@ -319,7 +320,6 @@ impl<L: Lanes> Blocks<L> {
                 let change = if channel == 0 {
                     stiffness
                 } else {
-                    let slope = mask * self.clamp_stiffness[channel];
                     body.mass_kg.times_plus(springs, value.mass_kg * slope)
                 };
                 let offset = &held.offsets_m[member];

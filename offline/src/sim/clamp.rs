@@ -26,7 +26,7 @@
 //!
 //! What did not pay:
 //! - *Springs of κ m/dt²*, κ = 10. They were as stiff as these at ν = 0.3, but the step depends on Poisson's ratio and
-//!   on every damping: at ν = 0.45 they were four times stiffer. A fit took that for Poisson's ratio (its tangent,
+//!   on every damping: at ν = 0.45 they were 3.7 times stiffer. A fit took that for Poisson's ratio (its tangent,
 //!   which knows nothing of the step, was a third of the slope), E of the shipped rope came out 2.4 % low with a tenth
 //!   of that as its error, and what was left of its residual was alike from frame to frame (0.34; now 0.08).
 //! - *Springs on the nodes* that carry gripped material, with the nodes' places as state: 0.4 µm, but they hold

@@ -105,11 +105,15 @@ fn footing<'a, T: Laned, I: Instructions>(
     }
 }
 
-/// A number in every lane, by channel.
-fn channels<T: Laned, I: Instructions>(number: &T) -> Vec<T::Plain<I>> {
-    (0..T::CHANNELS)
-        .map(|k| T::Plain::<I>::splat(number.channel(k)))
-        .collect()
+/// One channel of a number, in every lane.
+#[inline(always)]
+fn channel<T: Laned, I: Instructions>(number: T, k: usize) -> T::Plain<I> {
+    T::Plain::<I>::splat(number.channel(k))
+}
+
+/// All of them.
+fn channels<T: Laned, I: Instructions>(number: T) -> Vec<T::Plain<I>> {
+    (0..T::CHANNELS).map(|k| channel::<T, I>(number, k)).collect()
 }
 
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
@@ -138,8 +142,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
             }));
         }
         let moduli = |lame: &Lame<T>, k: usize| Lame {
-            mu: T::Plain::<I>::splat(lame.mu.channel(k)),
-            lambda: T::Plain::<I>::splat(lame.lambda.channel(k)),
+            mu: channel::<T, I>(lame.mu, k),
+            lambda: channel::<T, I>(lame.lambda, k),
         };
         let tangents = |m: &T| (1..T::CHANNELS).any(|k| m.channel(k).value() != 0.0);
         let per_cell = Lame {
@@ -162,7 +166,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 stress_scales,
                 lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),
                 viscosity: (0..T::CHANNELS).map(|k| moduli(&per_cell, k)).collect(),
-                clamp_stiffness: channels::<T, I>(&context.clamp_stiffness),
+                clamp_stiffness: channels::<T, I>(context.clamp_stiffness),
                 carried: 0.0,
                 masses_vary: masses.iter().any(tangents),
                 impulse: rows(3),
@@ -338,10 +342,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
 fn in_registers<T: Laned, I: Instructions>(motion: &RigidMotion<T>) -> Vec<GripMotion<T::Plain<I>>> {
     (0..T::CHANNELS)
         .map(|k| GripMotion {
-            position_m: motion.position_m.map(|c| T::Plain::<I>::splat(c.channel(k))),
-            rotation: motion
-                .rotation
-                .map(|row| row.map(|c| T::Plain::<I>::splat(c.channel(k)))),
+            position_m: motion.position_m.map(|c| channel::<T, I>(c, k)),
+            rotation: motion.rotation.map(|row| row.map(|c| channel::<T, I>(c, k))),
         })
         .collect()
 }
