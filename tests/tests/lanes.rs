@@ -48,12 +48,12 @@ fn lift(cells: f64) -> Scene {
     .unwrap()
 }
 
-/// Every effect that lanes know at a tenth of its range; `value` makes a number from the index of the
+/// Every effect that lanes know, at a tenth of its range; `value` makes a number from the index of the
 /// input and its value.
-fn with_every_effect<T: Real>(value: impl Fn(usize, f64) -> T) -> Physics<T> {
+fn with_every_effect<T: Real>(mut value: impl FnMut(usize, f64) -> T) -> Physics<T> {
     let mut physics = Physics::base(value(0, 4.0e5), value(1, 0.3), value(2, 0.4));
     let mut input = 3;
-    for index in effects_where(|p| !p.changes_material()) {
+    for index in effects_where(|p| p.flow_laws.is_empty()) {
         let effect = &effects::ALL[index];
         let values: Vec<T> = effect
             .parameters
@@ -116,24 +116,32 @@ fn a_swing_reaches_the_same_point() {
 #[test]
 fn every_tangent_is_the_same() {
     const N: usize = 16;
-    let physics = with_every_effect(|k, v| {
-        if k < N {
-            Dual::<f64, N>::input(v, k)
-        } else {
-            Dual::of(v)
-        }
+    let mut inputs = 0;
+    with_every_effect(|k, v| {
+        inputs = inputs.max(k + 1);
+        v
     });
-    let [fast, slow] = both(&lift(1.5), &physics);
-    for input in 0..N {
-        let (mut largest, mut size) = (0.0f64, 0.0f64);
-        for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
-            for k in 0..3 {
-                largest = largest.max((p[k].tangent[input] - q[k].tangent[input]).abs());
-                size = size.max(q[k].tangent[input].abs());
+    for first in (0..inputs).step_by(N) {
+        let physics = with_every_effect(|k, v| {
+            if (first..first + N).contains(&k) {
+                Dual::<f64, N>::input(v, k - first)
+            } else {
+                Dual::of(v)
             }
+        });
+        let [fast, slow] = both(&lift(1.5), &physics);
+        for input in first..inputs.min(first + N) {
+            let (mut largest, mut size) = (0.0f64, 0.0f64);
+            for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
+                for k in 0..3 {
+                    let [p, q] = [p[k], q[k]].map(|x| x.tangent[input - first]);
+                    largest = largest.max((p - q).abs());
+                    size = size.max(q.abs());
+                }
+            }
+            println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
+            assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
         }
-        println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
-        assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
     }
 }
 

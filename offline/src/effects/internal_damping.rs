@@ -12,7 +12,6 @@
 use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::elastic::Lame;
 use crate::sim::physics::MemoryLaw;
-use crate::sim::tensor::Mat3;
 use crate::sim::{Physics, Real};
 
 /// g: modulus of the Maxwell element against the elastic one.
@@ -42,31 +41,15 @@ struct Maxwell<T> {
 }
 
 impl<T: Real> MemoryLaw<T> for Maxwell<T> {
-    /// Backward Euler, stable for any delay; without a delay the memory is the rate itself.
-    fn remember(&self, memory: &mut Mat3<T>, strain_rate: &Mat3<T>, dt_s: f64) {
-        let delay_s = self.retardation_time_s.scale(1.0 / QUICK_MODULUS);
-        let inverse = T::one() / (delay_s + T::of(dt_s));
-        let (keep, take) = (delay_s * inverse, inverse.scale(dt_s));
-        for a in 0..3 {
-            for b in 0..3 {
-                memory[a][b] = keep * memory[a][b] + take * strain_rate[a][b];
-            }
-        }
+    fn delay_s(&self) -> T {
+        self.retardation_time_s.scale(1.0 / QUICK_MODULUS)
     }
 
-    fn second_piola_pa(&self, memory: &Mat3<T>, lame: &Lame<T>) -> Mat3<T> {
-        let shear = (self.retardation_time_s * lame.mu).scale(2.0);
-        let trace = memory[0][0] + memory[1][1] + memory[2][2];
-        let volume = self.retardation_time_s * lame.lambda * trace;
-        let mut stress = memory.map(|row| row.map(|x| shear * x));
-        for k in 0..3 {
-            stress[k][k] += volume;
+    fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
+        Lame {
+            mu: self.retardation_time_s * lame.mu,
+            lambda: self.retardation_time_s * lame.lambda,
         }
-        stress
-    }
-
-    fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64 {
-        (self.retardation_time_s * lame.p_wave_modulus()).value()
     }
 
     fn modulus_pa(&self, lame: &Lame<T>) -> T {

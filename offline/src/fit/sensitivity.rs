@@ -4,7 +4,7 @@
 //!
 //! A pass holds only the effects that it asks about and those that are present: one that is at its
 //! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else. Effects that
-//! change the material have passes of their own: a rollout with one steps one particle after the other.
+//! change the material have passes of their own: a rollout with one costs more.
 
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
@@ -120,7 +120,7 @@ fn balanced(columns: &[usize]) -> impl Iterator<Item = Pass> {
     columns.chunks(size).map(|c| Pass::Tangents(c.to_vec()))
 }
 
-/// Whether a rollout with an effect has to step one particle after the other.
+/// Whether every step of a rollout with an effect costs more.
 fn changes_material(effect: usize) -> bool {
     alone(effect).changes_material()
 }

@@ -4,6 +4,7 @@
 //! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
 //! kind of register ([`Stepped`]), not once per number type.
 
+use super::block_material::{BlockMaterial, Place};
 use super::clamp::KEPT;
 use super::contact::{Footing, Push, push};
 use super::elastic::{Lame, Strained, Straining, StressDifferential};
@@ -67,6 +68,8 @@ pub struct Blocks<L: Lanes> {
     pub rates: Vec<Mat3<L>>,
     /// What the laws add in that block.
     pub extra: Option<Extra<L>>,
+    /// What laws make of the material.
+    pub material: Option<BlockMaterial<L>>,
     /// Shares of grips.
     pub held: Vec<Held<L>>,
     /// 4 dt V/dx of a particle of each block, m² s.
@@ -148,7 +151,13 @@ impl<L: Lanes> Blocks<L> {
             }
             Part::Give(block) => {
                 for channel in 0..self.channels {
-                    self.give_impulse(block, channel)?;
+                    // Compiled apart, so that a plain material does not pay for the other.
+                    if self.material.is_some() {
+                        self.take_down(block, channel);
+                        self.give_impulse::<true>(block, channel)?;
+                    } else {
+                        self.give_impulse::<false>(block, channel)?;
+                    }
                 }
                 self.press(block);
             }
@@ -216,14 +225,78 @@ impl<L: Lanes> Blocks<L> {
         ))
     }
 
+    /// Takes down what the members of the slices of a block have in common.
+    #[inline(always)]
+    fn take_down(&mut self, block: usize, channel: usize) {
+        let members = self.transfer.members.len();
+        let [own, first] = [channel, 0].map(|k| self.first(block, k));
+        if let Some(material) = &mut self.material {
+            let (bodies, values) = (
+                &self.bodies[own..own + members],
+                &self.bodies[first..first + members],
+            );
+            material.take_down(block, channel, bodies, values, &self.lame);
+        }
+    }
+
+    /// As [`Self::stress`], of a material that laws change.
+    #[inline(always)]
+    fn material_stress(&mut self, block: usize, channel: usize, member: usize) -> Result<Mat3<L>, Stop> {
+        let place = Place {
+            block,
+            channel,
+            member,
+        };
+        let [own, first] = [channel, 0].map(|k| self.first(block, k));
+        let Some(material) = &mut self.material else {
+            return self.stress(block, channel, member);
+        };
+        let members = self.transfer.members.len();
+        let (f, rate) = (
+            &self.bodies[own + member].deformation_gradient,
+            &self.rates[channel * members + member],
+        );
+        if channel > 0 {
+            let at = [
+                &self.bodies[first + member].deformation_gradient,
+                &self.rates[member],
+            ];
+            let (elastic, straining) = &self.differentials[member];
+            let viscosities = [&self.viscosity[0], &self.viscosity[channel]];
+            let viscous = straining.differential(at, [f, rate], viscosities);
+            let change = material.change(place, elastic, [at[0], f], &self.lame[channel]);
+            let mut pk1 = matadd(&change, &viscous);
+            material.remember_change(place, straining, [at, [f, rate]], &mut pk1);
+            return Ok(pk1);
+        }
+        let strained = material.strained(place, f);
+        if !L::everywhere(strained.j.exceeds(L::zero())) {
+            return Err(worst(member, strained.j));
+        }
+        let straining = Straining::new(f, rate, &self.viscosity[0]);
+        if self.channels > 1 {
+            self.differentials.truncate(member);
+            let elastic = StressDifferential::new(&strained, &self.lame[0]);
+            self.differentials.push((elastic, straining));
+        }
+        let elastic = material.stress(place, &strained, &self.lame[0]);
+        let mut pk1 = matadd(&elastic, &straining.piola_stress(f));
+        material.remember(place, &straining, f, &mut pk1);
+        Ok(pk1)
+    }
+
     /// Impulse of stress and of the laws' forces and a share of the momentum, for one channel of a block.
     #[inline(always)]
-    fn give_impulse(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
+    fn give_impulse<const MATERIAL: bool>(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
         let members = self.transfer.members.len();
         let (scale, carried) = (-self.stress_scales[block], L::of(self.carried));
         self.nodes.fill(L::zero());
         for member in 0..members {
-            let mut pk1 = self.stress(block, channel, member)?;
+            let mut pk1 = if MATERIAL {
+                self.material_stress(block, channel, member)?
+            } else {
+                self.stress(block, channel, member)?
+            };
             let mut at_particle = zero3();
             if let Some(extra) = &self.extra {
                 at_particle = extra.impulses[channel * members + member];

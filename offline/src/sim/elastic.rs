@@ -191,7 +191,7 @@ impl<T: Arithmetic> StressDifferential<T> {
 #[derive(Clone, Copy, Debug)]
 pub struct Straining<T> {
     /// 2 E', 1/s.
-    twice: Mat3<T>,
+    pub(super) twice: Mat3<T>,
     /// S, Pa.
     stress: Mat3<T>,
 }
@@ -222,7 +222,18 @@ impl<T: Arithmetic> Straining<T> {
     /// dP for a change of the deformation gradient, of its rate and of the viscosities.
     #[inline(always)]
     pub fn differential(&self, at: [&Mat3<T>; 2], by: [&Mat3<T>; 2], viscosities: [&Lame<T>; 2]) -> Mat3<T> {
-        let ([f, rate], [df, drate]) = (at, by);
+        let ([f, _], [df, _]) = (at, by);
+        let twice = Self::change_of_twice(at, by);
+        let change = matadd(
+            &isotropic(&twice, viscosities[0]),
+            &isotropic(&self.twice, viscosities[1]),
+        );
+        matadd(&times(df, &self.stress), &times(f, &change))
+    }
+
+    /// d(2 E') for a change of the deformation gradient and of its rate.
+    #[inline(always)]
+    pub(super) fn change_of_twice([f, rate]: [&Mat3<T>; 2], [df, drate]: [&Mat3<T>; 2]) -> Mat3<T> {
         let mut twice = *f;
         for a in 0..3 {
             for b in 0..3 {
@@ -230,11 +241,7 @@ impl<T: Arithmetic> Straining<T> {
             }
         }
         symmetrise(&mut twice);
-        let change = matadd(
-            &isotropic(&twice, viscosities[0]),
-            &isotropic(&self.twice, viscosities[1]),
-        );
-        matadd(&times(df, &self.stress), &times(f, &change))
+        twice
     }
 
     /// Pulls a derivative with respect to P back to the deformation gradient, its rate, and both
@@ -295,7 +302,7 @@ fn symmetrise<T: Arithmetic>(m: &mut Mat3<T>) {
 
 /// 2 μ E + λ tr(E) I of 2 E.
 #[inline(always)]
-fn isotropic<T: Arithmetic>(twice: &Mat3<T>, moduli: &Lame<T>) -> Mat3<T> {
+pub(super) fn isotropic<T: Arithmetic>(twice: &Mat3<T>, moduli: &Lame<T>) -> Mat3<T> {
     let volume = (moduli.lambda * trace(twice)).scale(0.5);
     let mut stress = *twice;
     for a in 0..3 {
@@ -312,7 +319,7 @@ fn trace<T: Arithmetic>(m: &Mat3<T>) -> T {
 
 /// A S of a symmetric S.
 #[inline(always)]
-fn times<T: Arithmetic>(a: &Mat3<T>, s: &Mat3<T>) -> Mat3<T> {
+pub(super) fn times<T: Arithmetic>(a: &Mat3<T>, s: &Mat3<T>) -> Mat3<T> {
     let mut product = *a;
     for i in 0..3 {
         for j in 0..3 {

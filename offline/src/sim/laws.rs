@@ -64,13 +64,15 @@ impl Laws {
         let first_body = block * T::CHANNELS * self.members;
         let bodies = &blocks.bodies[first_body..first_body + T::CHANNELS * self.members];
         let Some(extra) = &mut blocks.extra else { return };
+        let material = blocks.material.as_ref();
         let first = block * <T::Plain<I> as Lanes>::COUNT;
         for member in 0..self.members {
             let unpacked = Unpacked::<T::Base>::new::<T, I>(member, self.members, bodies, &blocks.rates);
             for lane in 0..lanes {
                 let length_m = self.lengths_m[first + lane];
                 impulses[lane] = unpacked.impulse(context, lane, length_m);
-                stresses[lane] = unpacked.stress(context, lane, self.spacing_m);
+                let rest = material.and_then(|m| m.stretch_at_rest(block, member, lane));
+                stresses[lane] = unpacked.stress(context, lane, self.spacing_m, rest);
             }
             for k in 0..T::CHANNELS {
                 let at = k * self.members + member;
@@ -138,15 +140,33 @@ impl<B: Real> Unpacked<B> {
         scaled(context.physics.force_n(&point), context.dt_s)
     }
 
-    /// The Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-    fn stress<T: Laned<Base = B>>(&self, context: &StepContext<T>, lane: usize, spacing_m: f64) -> Mat3<T> {
+    /// The Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ; `rest` is the stretch at rest and one over it.
+    fn stress<T: Laned<Base = B>>(
+        &self,
+        context: &StepContext<T>,
+        lane: usize,
+        spacing_m: f64,
+        rest: Option<[T; 2]>,
+    ) -> Mat3<T> {
         let mut sum = [zero3(); 3];
         if context.physics.stress_laws.is_empty() {
             return sum;
         }
-        let f: Mat3<T> = self.matrix(lane, 0);
-        let rate: Mat3<T> = self.matrix(lane, 9).map(|row| scaled(row, 1.0 / spacing_m));
+        let mut f: Mat3<T> = self.matrix(lane, 0);
+        let mut rate: Mat3<T> = self.matrix(lane, 9).map(|row| scaled(row, 1.0 / spacing_m));
+        if let Some([_, inverse]) = rest {
+            for a in 0..3 {
+                f[a][0] = f[a][0] * inverse;
+                rate[a][0] = rate[a][0] * inverse;
+            }
+        }
         add_stress_laws((&f, &rate), context.physics, &context.lame, det(&f), &mut sum);
+        if let Some([stretch, _]) = rest {
+            for row in &mut sum {
+                row[1] = row[1] * stretch;
+                row[2] = row[2] * stretch;
+            }
+        }
         sum
     }
 }

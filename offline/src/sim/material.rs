@@ -15,7 +15,7 @@
 //! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
 //! material coordinates.
 
-use super::elastic::{Lame, energy_density, piola_stress};
+use super::elastic::{Lame, energy_density, isotropic, piola_stress};
 use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
 use super::real::Real;
 use super::rope::RopeLayout;
@@ -33,7 +33,7 @@ pub struct Material<T> {
     bending: Vec<T>,
     /// (1 − c) P(F̄) per slice at the present step, Pa.
     common_pa: Vec<Mat3<T>>,
-    /// What each memory law remembers, by law and particle.
+    /// What each memory law remembers of twice the rate of the Green strain, by law and particle, 1/s.
     memories: Vec<Vec<Mat3<T>>>,
     /// Particles per slice.
     section: usize,
@@ -102,9 +102,15 @@ impl<T: Real> Material<T> {
             }
         }
         for (law, memories) in physics.memory_laws.iter().zip(&mut self.memories) {
+            let [keep, take] = remembered(law.delay_s(), dt_s);
             for (index, memory) in memories.iter_mut().enumerate() {
                 let (f, rate) = motion(index);
-                law.remember(memory, &strain_rate(f, rate), dt_s);
+                let rate = strain_rate_twice(f, rate);
+                for a in 0..3 {
+                    for b in 0..3 {
+                        memory[a][b] = keep * memory[a][b] + take * rate[a][b];
+                    }
+                }
             }
         }
         self.rest(physics, |index| motion(index).0);
@@ -139,6 +145,16 @@ impl<T: Real> Material<T> {
         };
         let bending = self.bending.get(index / self.section);
         (shape, bending.map_or(1.0, |c| c.value()))
+    }
+
+    /// One over the stretch along the rope at which a particle is free of stress, where nothing has flowed.
+    pub(super) fn unstretched(&self, index: usize) -> Option<T> {
+        self.natural_inverse.get(index).map(|a| a[0][0])
+    }
+
+    /// Bending stiffness c of a slice; none where no law changes any.
+    pub(super) fn bending(&self, slice: usize) -> Option<T> {
+        self.bending.get(slice).copied()
     }
 
     /// F A of a particle.
@@ -187,7 +203,8 @@ impl<T: Real> Material<T> {
             pk1 = matadd(&pk1, &common);
         }
         for (law, memories) in physics.memory_laws.iter().zip(&self.memories) {
-            pk1 = matadd(&pk1, &matmul(f, &law.second_piola_pa(&memories[index], lame)));
+            let stress = isotropic(&memories[index], &law.viscosity(lame));
+            pk1 = matadd(&pk1, &matmul(f, &stress));
         }
         (pk1, j)
     }
@@ -231,10 +248,17 @@ impl<T: Real> Material<T> {
     }
 }
 
-/// Rate of the Green strain, ½ (FᵀḞ + ḞᵀF), 1/s.
-fn strain_rate<T: Real>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
+/// Shares of what was remembered and of what is new in a memory after a step: backward Euler, stable for any delay;
+/// without a delay the memory is the new itself.
+pub(super) fn remembered<T: Real>(delay_s: T, dt_s: f64) -> [T; 2] {
+    let inverse = T::one() / (delay_s + T::of(dt_s));
+    [delay_s * inverse, inverse.scale(dt_s)]
+}
+
+/// Twice the rate of the Green strain, FᵀḞ + ḞᵀF, 1/s.
+fn strain_rate_twice<T: Real>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
     let half = matmul(&transpose(f), rate);
-    std::array::from_fn(|a| std::array::from_fn(|b| (half[a][b] + half[b][a]).scale(0.5)))
+    std::array::from_fn(|a| std::array::from_fn(|b| half[a][b] + half[b][a]))
 }
 
 /// A = G⁻¹ of every particle for the curvatures of the shape laws.

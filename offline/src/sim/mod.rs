@@ -79,6 +79,7 @@
 
 pub mod adjoint;
 pub mod band;
+mod block_material;
 mod blocks;
 pub mod clamp;
 mod contact;

@@ -86,15 +86,13 @@ pub trait StressLaw<T: Real>: Send + Sync {
     }
 }
 
-/// A stress that follows the rate of strain with a delay.
+/// A stress that follows the rate of strain with a delay: S = 2 μ' E' + λ' tr(E') I, where E' follows the rate of
+/// the Green strain with the delay. It is zero at the start.
 pub trait MemoryLaw<T: Real>: Send + Sync {
-    /// Moves a particle's memory on by a step; `strain_rate` is that of the Green strain, 1/s. The
-    /// memory is zero at the start.
-    fn remember(&self, memory: &mut Mat3<T>, strain_rate: &Mat3<T>, dt_s: f64);
-    /// Second Piola-Kirchhoff stress, Pa.
-    fn second_piola_pa(&self, memory: &Mat3<T>, lame: &Lame<T>) -> Mat3<T>;
-    /// Viscosity while the strain changes slowly against the delay, Pa s.
-    fn viscosity_pa_s(&self, lame: &Lame<T>) -> f64;
+    /// The delay, s.
+    fn delay_s(&self) -> T;
+    /// Viscosities μ' and λ' while the strain changes slowly against the delay, Pa s.
+    fn viscosity(&self, lame: &Lame<T>) -> Lame<T>;
     /// Modulus while it changes quickly, Pa. The law is stable in a step that is stable for either.
     fn modulus_pa(&self, lame: &Lame<T>) -> T;
 }

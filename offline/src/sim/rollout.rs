@@ -99,9 +99,9 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    // Lanes run along the slices and know single particles; what slices share or remember they do not.
+    // Registers know no plastic flow, which strikes few particles at a time.
     // The first velocities of a start in motion stand at the grid's nodes in their plain order.
-    if physics.changes_material() || matches!(scene.start, Start::Moving(_)) {
+    if !physics.flow_laws.is_empty() || matches!(scene.start, Start::Moving(_)) {
         return simulate_one_by_one(scene, physics);
     }
     #[cfg(target_arch = "x86_64")]
@@ -396,7 +396,9 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let elastic = fastest_pa(&lame) * stiffest_bending(scene, physics) + stiff(stiffening);
     let lightness = lightness(scene, physics);
     let memory_laws = || physics.memory_laws.iter();
-    let viscosity: f64 = memory_laws().map(|law| law.viscosity_pa_s(&lame)).sum();
+    let viscosity: f64 = memory_laws()
+        .map(|law| law.viscosity(&lame).p_wave_modulus().value())
+        .sum();
     let quick = memory_laws().fold(T::zero(), |sum, law| sum + law.modulus_pa(&lame));
     let retardation_s = physics.retardation_s(&scene.rope);
     let of = |fastest_pa: T, viscosity_pa_s: f64| {

@@ -6,6 +6,7 @@
 //! ([`super::lanes::Channels`]); the stress is computed on the values, and its differential applied to
 //! every tangent.
 
+use super::block_material::BlockMaterial;
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
 use super::contact::Footing;
@@ -122,7 +123,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         layout: &RopeLayout,
         grid: GridSpec,
         particles: Vec<Particle<T>>,
-        _material: Material<T>,
+        material: Material<T>,
     ) -> Self {
         let transfer = Transfer::<T::Plain<I>>::new(layout, grid);
         let masses: Vec<T> = particles.iter().map(|p| p.mass_kg).collect();
@@ -162,6 +163,13 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 bodies,
                 rates: vec![[[zero; 3]; 3]; T::CHANNELS * members],
                 extra: laws.as_ref().map(|laws| laws.space(T::CHANNELS)),
+                material: BlockMaterial::new::<T, I>(
+                    context.physics,
+                    &material,
+                    [transfer.blocks(), members],
+                    context.dt_s,
+                    dx,
+                ),
                 held,
                 stress_scales,
                 lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),

@@ -1,0 +1,355 @@
+//! The material of a block of particles in registers: what [`super::material`] does one particle after the other,
+//! but for plastic flow. Channel 0 holds values, the others their differentials; letters as there.
+//!
+//! A = diag(a, 1, 1) and det(A)⁻¹ = 1/a, so that P_e Aᵀ/a has the first column of P_e, and the others over a.
+
+use super::blocks::Body;
+use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, times};
+use super::lanes::{Instructions, Laned, Lanes};
+use super::material::{Material, remembered};
+use super::physics::Physics;
+use super::tensor::{Mat3, matadd, zero3};
+
+/// The stress-free shape of a member.
+#[derive(Clone, Copy)]
+struct Rest<L> {
+    /// a.
+    inverse: L,
+    /// 1/a.
+    stretch: L,
+}
+
+/// A law with a memory. By channel where nothing else is said.
+struct Element<L> {
+    /// Share of what was remembered that stays in a step.
+    keep: Vec<L>,
+    /// What is taken of the rate of strain over the node spacing.
+    take: Vec<L>,
+    /// Viscosities, Pa s.
+    viscosity: Vec<Lame<L>>,
+    /// Twice the rate of strain as it is remembered, 1/s, by block, channel, member.
+    memories: Vec<Mat3<L>>,
+    /// The values before the step at hand, by member.
+    before: Vec<Mat3<L>>,
+}
+
+/// Which member of a block, and of which channel.
+#[derive(Clone, Copy)]
+pub struct Place {
+    /// Block.
+    pub block: usize,
+    /// Channel.
+    pub channel: usize,
+    /// Member.
+    pub member: usize,
+}
+
+/// The material of all blocks, and what is taken down for the one at hand.
+pub struct BlockMaterial<L> {
+    channels: usize,
+    members: usize,
+    /// By block, channel, member; empty where the rope is straight at rest.
+    rest: Vec<Rest<L>>,
+    /// c by block and channel; empty where no law changes it.
+    bending: Vec<L>,
+    elements: Vec<Element<L>>,
+    /// (1 − c) P(F̄) by channel, Pa.
+    common_pa: Vec<Mat3<L>>,
+    /// P(F̄), Pa, and its differential.
+    mean: Option<(Mat3<L>, StressDifferential<L>)>,
+    /// P(F A) by member, Pa.
+    stresses: Vec<Mat3<L>>,
+}
+
+impl<L: Lanes> BlockMaterial<L> {
+    /// In so many blocks of so many members; none where no law changes the material.
+    pub fn new<T: Laned<Plain<I> = L, Base = L::Scalar>, I: Instructions>(
+        physics: &Physics<T>,
+        material: &Material<T>,
+        [blocks, members]: [usize; 2],
+        dt_s: f64,
+        spacing_m: f64,
+    ) -> Option<Self> {
+        if !physics.changes_material() {
+            return None;
+        }
+        let channels = T::CHANNELS;
+        let lanes = |k: usize, of_lane: &dyn Fn(usize) -> Option<T>| {
+            L::from_lanes(|lane| of_lane(lane).unwrap_or(T::one()).channel(k))
+        };
+        let (mut rest, mut bending) = (Vec::new(), Vec::new());
+        for block in 0..blocks {
+            for k in 0..channels {
+                let slice = |lane: usize| block * L::COUNT + lane;
+                if !physics.bending_laws.is_empty() {
+                    bending.push(lanes(k, &|lane| material.bending(slice(lane))));
+                }
+                for member in 0..members * usize::from(!physics.shape_laws.is_empty()) {
+                    let inverse = |lane: usize| material.unstretched(slice(lane) * members + member);
+                    rest.push(Rest {
+                        inverse: lanes(k, &inverse),
+                        stretch: lanes(k, &|lane| Some(T::one() / inverse(lane)?)),
+                    });
+                }
+            }
+        }
+        let blank = [zero3(); 3];
+        let of = |x: T| -> Vec<L> { (0..channels).map(|k| L::splat(x.channel(k))).collect() };
+        let element = |law: &dyn super::physics::MemoryLaw<T>| {
+            let [keep, take] = remembered(law.delay_s(), dt_s);
+            let viscosity = law.viscosity(&physics.lame());
+            let moduli = of(viscosity.mu).into_iter().zip(of(viscosity.lambda));
+            Element {
+                keep: of(keep),
+                take: of(take.scale(1.0 / spacing_m)),
+                viscosity: moduli.map(|(mu, lambda)| Lame { mu, lambda }).collect(),
+                memories: vec![blank; blocks * channels * members],
+                before: vec![blank; members],
+            }
+        };
+        Some(Self {
+            channels,
+            members,
+            rest,
+            bending,
+            elements: physics.memory_laws.iter().map(|law| element(&**law)).collect(),
+            common_pa: vec![blank; channels],
+            mean: None,
+            stresses: vec![blank; members],
+        })
+    }
+
+    /// Stretch at rest along the rope in a lane of a member, and one over it; none where the rope is straight at rest.
+    pub fn stretch_at_rest<T: Laned<Base = L::Scalar>>(
+        &self,
+        block: usize,
+        member: usize,
+        lane: usize,
+    ) -> Option<[T; 2]> {
+        let at = |channel| {
+            self.rest.get(self.at(Place {
+                block,
+                channel,
+                member,
+            }))
+        };
+        at(0)?;
+        Some([
+            T::from_channels(|k| at(k).map_or(T::base(0.0), |rest| rest.stretch.lane(lane))),
+            T::from_channels(|k| at(k).map_or(T::base(0.0), |rest| rest.inverse.lane(lane))),
+        ])
+    }
+
+    #[inline(always)]
+    fn at(&self, place: Place) -> usize {
+        (place.block * self.channels + place.channel) * self.members + place.member
+    }
+
+    /// F A, or its differential; `value` is that of the member's channel 0.
+    #[inline(always)]
+    fn elastic(&self, place: Place, f: &Mat3<L>, value: &Mat3<L>) -> Mat3<L> {
+        let mut elastic = *f;
+        if self.rest.is_empty() {
+            return elastic;
+        }
+        let own = &self.rest[self.at(place)];
+        if place.channel == 0 {
+            for row in &mut elastic {
+                row[0] = row[0] * own.inverse;
+            }
+            return elastic;
+        }
+        let first = &self.rest[self.at(Place { channel: 0, ..place })];
+        for a in 0..3 {
+            elastic[a][0] = f[a][0].times_plus(first.inverse, value[a][0] * own.inverse);
+        }
+        elastic
+    }
+
+    /// Takes down what the members of each slice of a block have in common, in one channel; `values` are the block's
+    /// bodies in channel 0.
+    #[inline(always)]
+    pub fn take_down(
+        &mut self,
+        block: usize,
+        channel: usize,
+        bodies: &[Body<L>],
+        values: &[Body<L>],
+        lame: &[Lame<L>],
+    ) {
+        if self.bending.is_empty() {
+            return;
+        }
+        let mut mean: Mat3<L> = [zero3(); 3];
+        for member in 0..self.members {
+            let place = Place {
+                block,
+                channel,
+                member,
+            };
+            let (f, value) = (
+                &bodies[member].deformation_gradient,
+                &values[member].deformation_gradient,
+            );
+            mean = matadd(&mean, &self.elastic(place, f, value));
+        }
+        for row in &mut mean {
+            for x in row {
+                *x = x.scale(1.0 / self.members as f64);
+            }
+        }
+        let first = block * self.channels;
+        let share = L::one() - self.bending[first];
+        if channel == 0 {
+            let strained = Strained::new(&mean);
+            let stress = strained.piola_stress(&lame[0]);
+            self.common_pa[0] = product(&stress, share);
+            self.mean = Some((stress, StressDifferential::new(&strained, &lame[0])));
+        } else if let Some((stress, differential)) = &self.mean {
+            let change = product(&differential.of(&mean, &lame[channel]), share);
+            self.common_pa[channel] = plus(&change, stress, -self.bending[first + channel]);
+        }
+    }
+
+    /// Elasticity of the material at a member: what of its deformation gradient is elastic, made of it.
+    #[inline(always)]
+    pub fn strained(&self, place: Place, f: &Mat3<L>) -> Strained<L> {
+        Strained::new(&self.elastic(place, f, f))
+    }
+
+    /// First Piola-Kirchhoff stress of elasticity, Pa, in channel 0.
+    #[inline(always)]
+    pub fn stress(&mut self, place: Place, strained: &Strained<L>, lame: &Lame<L>) -> Mat3<L> {
+        let own = strained.piola_stress(lame);
+        self.stresses[place.member] = own;
+        let mut stress = own;
+        if !self.bending.is_empty() {
+            stress = product(&own, self.bending[place.block * self.channels]);
+        }
+        if !self.rest.is_empty() {
+            let rest = &self.rest[self.at(place)];
+            for row in &mut stress {
+                row[1] = row[1] * rest.stretch;
+                row[2] = row[2] * rest.stretch;
+            }
+        }
+        if self.bending.is_empty() {
+            return stress;
+        }
+        matadd(&stress, &self.common_value(place))
+    }
+
+    /// (1 − c) P(F̄) Aᵀ of a member.
+    #[inline(always)]
+    fn common_value(&self, place: Place) -> Mat3<L> {
+        let mut common = self.common_pa[0];
+        if !self.rest.is_empty() {
+            let rest = &self.rest[self.at(place)];
+            for row in &mut common {
+                row[0] = row[0] * rest.inverse;
+            }
+        }
+        common
+    }
+
+    /// The differential of that stress in another channel; `differential` is that of P(F A).
+    #[inline(always)]
+    pub fn change(
+        &self,
+        place: Place,
+        differential: &StressDifferential<L>,
+        [f, df]: [&Mat3<L>; 2],
+        dlame: &Lame<L>,
+    ) -> Mat3<L> {
+        let mut change = differential.of(&self.elastic(place, df, f), dlame);
+        let mut value = self.stresses[place.member];
+        let first = place.block * self.channels;
+        if !self.bending.is_empty() {
+            let c = self.bending[first];
+            change = plus(&product(&change, c), &value, self.bending[first + place.channel]);
+            value = product(&value, c);
+        }
+        let mut common = self.common_pa[place.channel];
+        if !self.rest.is_empty() {
+            let own = &self.rest[self.at(place)];
+            let rest = &self.rest[self.at(Place { channel: 0, ..place })];
+            for a in 0..3 {
+                for b in 1..3 {
+                    change[a][b] = change[a][b].times_plus(rest.stretch, value[a][b] * own.stretch);
+                }
+                common[a][0] = common[a][0].times_plus(rest.inverse, self.common_pa[0][a][0] * own.inverse);
+            }
+        }
+        if self.bending.is_empty() {
+            return change;
+        }
+        matadd(&change, &common)
+    }
+
+    /// Lets a member remember its rate of strain, and adds the stress that follows it, in channel 0.
+    #[inline(always)]
+    pub fn remember(&mut self, place: Place, straining: &Straining<L>, f: &Mat3<L>, pk1: &mut Mat3<L>) {
+        let at = self.at(place);
+        for element in &mut self.elements {
+            let memory = element.memories[at];
+            element.before[place.member] = memory;
+            let kept = product(&memory, element.keep[0]);
+            let memory = plus(&kept, &straining.twice, element.take[0]);
+            element.memories[at] = memory;
+            *pk1 = matadd(pk1, &times(f, &isotropic(&memory, &element.viscosity[0])));
+        }
+    }
+
+    /// The same in another channel, after channel 0; `at_values` and `by` are a deformation gradient with its rate.
+    #[inline(always)]
+    pub fn remember_change(
+        &mut self,
+        place: Place,
+        straining: &Straining<L>,
+        [at_values, by]: [[&Mat3<L>; 2]; 2],
+        pk1: &mut Mat3<L>,
+    ) {
+        let (at, first) = (self.at(place), self.at(Place { channel: 0, ..place }));
+        for element in &mut self.elements {
+            let k = place.channel;
+            let twice = Straining::change_of_twice(at_values, by);
+            let kept = product(&element.memories[at], element.keep[0]);
+            let mut change = plus(&kept, &twice, element.take[0]);
+            change = plus(&change, &element.before[place.member], element.keep[k]);
+            change = plus(&change, &straining.twice, element.take[k]);
+            element.memories[at] = change;
+            let value = &element.memories[first];
+            let stress = isotropic(value, &element.viscosity[0]);
+            let of_strain = isotropic(&change, &element.viscosity[0]);
+            let of_moduli = isotropic(value, &element.viscosity[k]);
+            *pk1 = matadd(pk1, &times(by[0], &stress));
+            *pk1 = matadd(pk1, &times(at_values[0], &matadd(&of_strain, &of_moduli)));
+        }
+    }
+}
+
+// Loops, not closures: see `elastic.rs`.
+
+/// M c.
+#[inline(always)]
+fn product<L: Lanes>(m: &Mat3<L>, c: L) -> Mat3<L> {
+    let mut product = *m;
+    for row in &mut product {
+        for x in row {
+            *x = *x * c;
+        }
+    }
+    product
+}
+
+/// A + B c.
+#[inline(always)]
+fn plus<L: Lanes>(a: &Mat3<L>, b: &Mat3<L>, c: L) -> Mat3<L> {
+    let mut sum = *a;
+    for i in 0..3 {
+        for j in 0..3 {
+            sum[i][j] = b[i][j].times_plus(c, sum[i][j]);
+        }
+    }
+    sum
+}
