@@ -9,6 +9,8 @@ use offline::demo::{RopeEnd, RopeSpec};
 
 /// Largest time step, s.
 const STEP_S: f64 = 1e-5;
+/// Poisson's ratio of every rope.
+const POISSON: f64 = 0.3;
 /// Arc lengths closer than this are equal, m.
 const SAME_M: f64 = 1e-9;
 
@@ -143,6 +145,7 @@ impl World {
             self.rod.v[i] = v;
             self.rod.x[i] += v * dt;
         }
+        self.rod.turn(dt);
         self.t_s = t_s;
         self.move_grips(dt);
     }
@@ -193,6 +196,10 @@ impl World {
             for (node, place) in &grip.nodes {
                 self.rod.x[*node] = grip.position + place + grip.outwards * slip;
                 self.rod.v[*node] = velocity;
+            }
+            for pair in grip.nodes.windows(2) {
+                let [(segment, from), (_, to)] = [pair[0], pair[1]];
+                self.rod.hold(segment, (to - from).normalize());
             }
         }
         if opened {
@@ -259,6 +266,7 @@ fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
         diameter_m: rope.diameter_m,
         mass_kg: rope.mass_kg,
         young_pa: material.young_pa,
+        poisson: POISSON,
         segments: material.segments,
         // A tenth of an axial wave's way along the rope: enough that it does not ring.
         axial_retardation_s: 0.1 * rope.length_m / wave_speed,

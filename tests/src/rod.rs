@@ -1,6 +1,10 @@
-//! A discrete elastic rod in three dimensions: a chain of point masses with stretching and bending
-//! energies (Bergou et al. 2008, "Discrete elastic rods"). Straight at rest, circular section, so
-//! twist carries no energy and is left out. Shares no code with the simulator that it judges.
+//! A discrete elastic rod in three dimensions: a chain of point masses, and between two of them a segment whose
+//! section has a normal of its own, the director. It stretches, shears and bends (Reissner 1973; discrete as in
+//! Gazzola et al. 2018, "Forward and inverse problems in the mechanics of soft filaments"; the curvature is that of
+//! Bergou et al. 2008, "Discrete elastic rods", with directors in place of tangents), and its sections have rotary
+//! inertia: a rope is so thick that its third mode is several percent slower than without both. Straight at
+//! rest, circular section, so twist carries no energy and is left out. Shares no code with the simulator that it
+//! judges.
 
 use nalgebra::Vector3;
 use std::f64::consts::PI;
@@ -16,9 +20,11 @@ pub struct RodSpec {
     pub mass_kg: f64,
     /// Young's modulus, Pa.
     pub young_pa: f64,
+    /// Poisson's ratio: of it are the shear modulus and the share of the section that carries shear.
+    pub poisson: f64,
     /// Number of equal segments.
     pub segments: usize,
-    /// Retardation time of stretching (Kelvin-Voigt), s: keeps stiff axial waves from ringing.
+    /// Retardation time of stretching and shear (Kelvin-Voigt), s: keeps stiff waves from ringing.
     pub axial_retardation_s: f64,
     /// Retardation time of bending (Kelvin-Voigt), s.
     pub bending_retardation_s: f64,
@@ -31,6 +37,10 @@ pub struct Rod {
     pub x: Vec<Vector3<f64>>,
     /// Node velocities, m/s.
     pub v: Vec<Vector3<f64>>,
+    /// Directors of the segments: unit normals of their sections.
+    pub directors: Vec<Vector3<f64>>,
+    /// Their angular velocities, across them, 1/s.
+    pub turning: Vec<Vector3<f64>>,
     /// Node masses, kg.
     pub mass: Vec<f64>,
     /// Share of the rope's length that belongs to each node, m.
@@ -50,20 +60,15 @@ pub struct Rod {
     pub rest_m: f64,
     /// Stretching stiffness, N.
     pub axial: f64,
+    /// Shear stiffness κ G A, N, with Cowper's κ = 6 (1 + ν)/(7 + 6 ν) of a disc (1966).
+    pub shear: f64,
+    /// Rotary inertia of a segment about a diameter of its section, kg m².
+    pub inertia: f64,
     /// See [`RodSpec::axial_retardation_s`].
     pub axial_retardation_s: f64,
     /// See [`RodSpec::bending_retardation_s`].
     pub bending_retardation_s: f64,
-    edges: Vec<Edge>,
-}
-
-/// A segment's state, computed once a step.
-#[derive(Clone, Copy, Debug, Default)]
-struct Edge {
-    tangent: Vector3<f64>,
-    length_m: f64,
-    /// Velocity of the far node against the near one, m/s.
-    rate: Vector3<f64>,
+    torques: Vec<Vector3<f64>>,
 }
 
 impl Rod {
@@ -82,6 +87,8 @@ impl Rod {
                 .map(|i| start_m + direction * (i as f64 * rest_m))
                 .collect(),
             v: vec![Vector3::zeros(); n + 1],
+            directors: vec![direction; n],
+            turning: vec![Vector3::zeros(); n],
             mass: share_m.iter().map(|s| spec.mass_kg * s / spec.length_m).collect(),
             share_m,
             bending: (0..=n).map(|i| if inner(i) { bend } else { 0.0 }).collect(),
@@ -92,118 +99,153 @@ impl Rod {
             fourth_n_m4: spec.young_pa * PI * (0.5 * spec.diameter_m).powi(6) / 8.0,
             rest_m,
             axial: spec.young_pa * area,
+            // κ G A with G = E/(2 (1 + ν)).
+            shear: 3.0 / (7.0 + 6.0 * spec.poisson) * spec.young_pa * area,
+            inertia: spec.mass_kg / area * second_moment / n as f64,
             axial_retardation_s: spec.axial_retardation_s,
             bending_retardation_s: spec.bending_retardation_s,
-            edges: vec![Edge::default(); n],
+            torques: vec![Vector3::zeros(); n],
         }
     }
 
-    /// Adds the elastic and viscous forces of the present state to `force`, N.
+    /// Adds the elastic and viscous forces of the present state to `force`, N, and takes down the torques on the
+    /// directors.
     pub fn add_forces(&mut self, force: &mut [Vector3<f64>]) {
-        for j in 0..self.edges.len() {
-            let along = self.x[j + 1] - self.x[j];
-            let length_m = along.norm();
-            self.edges[j] = Edge {
-                tangent: along / length_m,
-                length_m,
-                rate: self.v[j + 1] - self.v[j],
-            };
-        }
+        self.torques.fill(Vector3::zeros());
         self.add_stretching(force);
-        self.add_bending(force);
+        self.add_bending();
     }
 
-    /// Kelvin-Voigt stretching: tension EA (ε + τ dε/dt) along each segment.
-    fn add_stretching(&self, force: &mut [Vector3<f64>]) {
-        for (j, edge) in self.edges.iter().enumerate() {
-            let strain = edge.length_m / self.rest_m - 1.0;
-            let strain_rate = edge.tangent.dot(&edge.rate) / self.rest_m;
-            let elastic = strain + self.stiffening * strain.powi(3);
-            let pull = edge.tangent * (self.axial * (elastic + self.axial_retardation_s * strain_rate));
+    /// Torques on the directors as [`Self::add_forces`] took them down, N m.
+    pub fn torques(&self) -> &[Vector3<f64>] {
+        &self.torques
+    }
+
+    /// Turns the directors by a step of the torques that were taken down.
+    pub fn turn(&mut self, dt_s: f64) {
+        let all = self
+            .directors
+            .iter_mut()
+            .zip(&mut self.turning)
+            .zip(&self.torques);
+        for ((director, turning), torque) in all {
+            *turning += torque * (dt_s / self.inertia);
+            *director = (*director + turning.cross(director) * dt_s).normalize();
+            // Twist has neither energy nor inertia.
+            *turning -= *director * turning.dot(director);
+        }
+    }
+
+    /// Holds a segment's director.
+    pub fn hold(&mut self, segment: usize, director: Vector3<f64>) {
+        self.directors[segment] = director;
+        self.turning[segment] = Vector3::zeros();
+    }
+
+    /// A segment's strains: along its director, and across it.
+    fn strains(&self, segment: usize) -> (f64, Vector3<f64>) {
+        let along = (self.x[segment + 1] - self.x[segment]) / self.rest_m;
+        let director = &self.directors[segment];
+        let stretch = along.dot(director);
+        (stretch - 1.0, along - director * stretch)
+    }
+
+    /// Kelvin-Voigt stretching and shear: the segment e pulls with n = EA (ε + τ ε') d + κGA (γ + τ γ') and turns its
+    /// director with e × n, strains as in `strains` and their rates as the director sees them.
+    fn add_stretching(&mut self, force: &mut [Vector3<f64>]) {
+        for j in 0..self.directors.len() {
+            let (strain, across) = self.strains(j);
+            let director = self.directors[j];
+            let along = self.x[j + 1] - self.x[j];
+            let seen = (self.v[j + 1] - self.v[j] - self.turning[j].cross(&along)) / self.rest_m;
+            let strain_rate = seen.dot(&director);
+            let late = self.axial_retardation_s;
+            let pull = director
+                * (self.axial * (strain + self.stiffening * strain.powi(3) + late * strain_rate))
+                + (across + (seen - director * strain_rate) * late) * self.shear;
             force[j] += pull;
             force[j + 1] -= pull;
+            self.torques[j] += along.cross(&pull);
         }
     }
 
-    /// Bending with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2).
+    /// Bending with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2), of neighbouring
+    /// directors.
     ///
-    /// With c = cos θ between neighbouring tangents the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so
-    /// dE/dc = −4B/(1 + c)² and the force follows from dc/de₀ = (t₁ − c t₀)/|e₀|. A stiffening stress adds the
-    /// moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k (`natural_force`). The viscous part
-    /// resists the difference of the neighbours' angular velocities t × ṫ with the torque B τ Δω,
-    /// which is exact for motion in a plane.
-    fn add_bending(&self, force: &mut [Vector3<f64>]) {
-        let viscous = self.bending_retardation_s > 0.0;
-        for i in 1..self.edges.len() {
-            let (near, far) = (&self.edges[i - 1], &self.edges[i]);
-            let (t0, t1) = (&near.tangent, &far.tangent);
+    /// With c = cos θ between them the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so dE/dc = −4B/(1 + c)². A stiffening
+    /// stress adds the moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k (`natural_torque`). The viscous
+    /// part resists the difference of the neighbours' angular velocities with the torque B τ Δω.
+    fn add_bending(&mut self) {
+        for i in 1..self.directors.len() {
+            let [near, far] = [self.directors[i - 1], self.directors[i]];
             let stiffness = self.bending[i];
-            let c = t0.dot(t1);
+            let c = near.dot(&far);
             let square = 4.0 * (1.0 - c) / (1.0 + c);
             let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
             let slope = 4.0 * (stiffness + quartic * square) / (1.0 + c).powi(2);
-            let mut on_near = (t1 - t0 * c) * (slope / near.length_m);
-            let mut on_far = (t0 - t1 * c) * (slope / far.length_m);
+            let elastic = near.cross(&far) * slope;
+            let rates = self.turning[i] - self.turning[i - 1];
+            let viscous = rates * (stiffness * self.bending_retardation_s);
+            self.torques[i - 1] += elastic + viscous;
+            self.torques[i] -= elastic + viscous;
             if self.natural_per_m != 0.0 {
                 let natural = Vector3::new(0.0, -self.natural_per_m * self.bend_m[i], 0.0);
-                on_near += natural_force(t0, t1, &natural) * (stiffness / near.length_m);
-                on_far -= natural_force(t1, t0, &natural) * (stiffness / far.length_m);
+                self.torques[i - 1] += natural_torque(&near, &far, &natural) * stiffness;
+                self.torques[i] -= natural_torque(&far, &near, &natural) * stiffness;
             }
-            if viscous {
-                let w0 = t0.cross(&near.rate) / near.length_m;
-                let w1 = t1.cross(&far.rate) / far.length_m;
-                let torque = (w1 - w0) * (stiffness * self.bending_retardation_s);
-                on_near += torque.cross(t0) / near.length_m;
-                on_far -= torque.cross(t1) / far.length_m;
-            }
-            // `on_near` and `on_far` pull at the far end of their segment, and back at its near end.
-            force[i - 1] -= on_near;
-            force[i] += on_near - on_far;
-            force[i + 1] += on_far;
         }
     }
 
     /// Largest stable step of the explicit integrator, s, with a margin of two.
     ///
-    /// Gershgorin's circles around the chain's stiffness matrix bound ω²: a segment of stiffness k
-    /// adds 2k/m to its nodes, a bend of stiffness B adds 4, 8 and 4 times B/(m h²) to its three.
+    /// ω² is at most the sum of the largest that stretching, shear and bending have alone: per segment stretching is
+    /// EA/h (1, −1) on two nodes, shear κGA h (−1/h, 1/h, −1) on two nodes and a director, bending B (1, −1) on two
+    /// directors, and every node and director has two neighbours.
     /// Symplectic Euler needs ω dt < 2 and, with damping, τ ω² dt < 2.
     pub fn stable_step_s(&self) -> f64 {
         let last = self.mass.len() - 1;
-        let (mut axial, mut bending) = (0f64, 0f64);
+        let mut lightest = f64::INFINITY;
         for i in 0..=last {
             let segments = if i == 0 || i == last { 1.0 } else { 2.0 };
-            axial = axial.max(2.0 * segments * self.axial / (self.rest_m * self.mass[i]));
-            let near = if i > 0 { self.bending[i - 1] } else { 0.0 };
-            let far = if i < last { self.bending[i + 1] } else { 0.0 };
-            let bends = 4.0 * near + 8.0 * self.bending[i] + 4.0 * far;
-            bending = bending.max(bends / (self.mass[i] * self.rest_m.powi(2)));
+            lightest = lightest.min(self.mass[i] / segments);
         }
-        let elastic = 2.0 / (axial + bending).sqrt();
-        let viscous = 2.0 / (self.axial_retardation_s * axial + self.bending_retardation_s * bending);
+        let bends = self.bending.windows(2).map(|pair| pair[0] + pair[1]);
+        let axial = 2.0 * self.axial / (self.rest_m * lightest);
+        let shear = self.shear * (2.0 / (self.rest_m * lightest) + self.rest_m / self.inertia);
+        let bending = 2.0 * bends.fold(0.0, f64::max) / self.inertia;
+        let elastic = 2.0 / (axial + shear + bending).sqrt();
+        let stretching = self.axial_retardation_s * (axial + shear);
+        let viscous = 2.0 / (stretching + self.bending_retardation_s * bending);
         0.5 * elastic.min(viscous)
     }
 
     /// Stored elastic energy, J.
     pub fn elastic_energy_j(&self) -> f64 {
         let mut energy = 0.0;
-        for j in 0..self.edges.len() {
-            let strain = (self.x[j + 1] - self.x[j]).norm() / self.rest_m - 1.0;
+        for j in 0..self.directors.len() {
+            let (strain, across) = self.strains(j);
             let stiffer = 1.0 + 0.5 * self.stiffening * strain * strain;
             energy += 0.5 * self.axial * self.rest_m * strain * strain * stiffer;
+            energy += 0.5 * self.shear * self.rest_m * across.norm_squared();
         }
-        for i in 1..self.edges.len() {
-            let t0 = (self.x[i] - self.x[i - 1]).normalize();
-            let t1 = (self.x[i + 1] - self.x[i]).normalize();
-            let c = t0.dot(&t1);
+        for i in 1..self.directors.len() {
+            let [t0, t1] = [&self.directors[i - 1], &self.directors[i]];
+            let c = t0.dot(t1);
             let square = 4.0 * (1.0 - c) / (1.0 + c);
             let natural = self.natural_per_m * self.bend_m[i];
-            let about_y = 2.0 * t0.cross(&t1).y / (1.0 + c);
+            let about_y = 2.0 * t0.cross(t1).y / (1.0 + c);
             let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
             energy += self.bending[i] * (0.5 * (square + natural * natural) + natural * about_y)
                 + 0.25 * quartic * square * square;
         }
         energy
+    }
+
+    /// Kinetic energy, J.
+    pub fn kinetic_energy_j(&self) -> f64 {
+        let nodes = self.mass.iter().zip(&self.v).map(|(m, v)| m * v.norm_squared());
+        let sections = self.turning.iter().map(|w| self.inertia * w.norm_squared());
+        0.5 * (nodes.sum::<f64>() + sections.sum::<f64>())
     }
 
     /// Sum of the nodes' momenta, kg m/s.
@@ -213,9 +255,9 @@ impl Rod {
     }
 }
 
-/// Part across t₀ of d(κb·k)/dt₀ with κb = 2 t₀ × t₁/(1 + t₀·t₁). Swapping the tangents turns the sign.
-fn natural_force(t0: &Vector3<f64>, t1: &Vector3<f64>, natural: &Vector3<f64>) -> Vector3<f64> {
+/// t₀ × d(κb·k)/dt₀ with κb = 2 t₀ × t₁/(1 + t₀·t₁). Swapping the directors turns the sign.
+fn natural_torque(t0: &Vector3<f64>, t1: &Vector3<f64>, natural: &Vector3<f64>) -> Vector3<f64> {
     let (c, bent) = (1.0 + t0.dot(t1), t0.cross(t1).dot(natural));
     let slope = t1.cross(natural) * (2.0 / c) - t1 * (2.0 * bent / (c * c));
-    slope - t0 * t0.dot(&slope)
+    t0.cross(&slope)
 }
