@@ -52,8 +52,11 @@ impl<T: Real> MemoryLaw<T> for Maxwell<T> {
         }
     }
 
-    fn modulus_pa(&self, lame: &Lame<T>) -> T {
-        lame.p_wave_modulus().scale(QUICK_MODULUS)
+    fn quick(&self, lame: &Lame<T>) -> Lame<T> {
+        Lame {
+            mu: lame.mu.scale(QUICK_MODULUS),
+            lambda: lame.lambda.scale(QUICK_MODULUS),
+        }
     }
 }
 

@@ -63,11 +63,25 @@
 //! cores that is 22 per second at 0.9 MPa, and 14 over the range of E on the paper's 1.79 cells (17 at 0.9 MPa; the
 //! aim is 25). Two thirds of it are the steps of half a second before the release and three quarters after it.
 //!
+//! Laws that change the material run in registers too (`block_material.rs`). Beside a plain rollout's 12 to 24, ns per
+//! particle and step of a rope of 564 particles with one law at a twentieth of its range, against one by one (loaded
+//! machine, by turns): rest curvature, bending ratio and giving clamp 13 against 113 to 121, internal damping 17
+//! against 142; with four tangents 82 to 97 against 740 to 940. A diagnosis that refits them (a curved rope, one
+//! thread) went from 120 to 28 s. Laws of single particles take their lanes out of the registers: drag, wind and
+//! stiffening cost 92 to 116, with four tangents 450 to 750. Plastic flow is stepped one by one: 168.
+//!
 //! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it
 //! back.
 //!
 //! What did not pay:
+//! - *Slices where the gradient is exact.* What MLS-MPM makes of a velocity that goes with the square of s is off by
+//!   (f − 4 f³) dx/2 times its second derivative, f cells from a node plane: a bent rope seems to shear. Averaged over
+//!   a cell that is 16 G/E (dx/D)² · 0.0048 of the bending stiffness, 1.3 % at 1.5 cells; with two-point Gauss rules
+//!   (f = ±0.29) twice as much, with Simpson's (on node planes and in the middle between them) nothing. Sag of a
+//!   cantilever at 1.5 cells over three alignments, against the exact one: Gauss -4.2 to -2.6 %, twice as many slices
+//!   -2.9 to -1.4 %, Simpson -1.2 to -0.1 %. The slices that are used cost a sixth less and have the clamps' stiffness
+//!   chosen for them, with which the sag is as near. But thinner slices are no better ones.
 //! - *Ending a swing early*, once the reach has not grown for 0.1 s and the rope moves back as a whole:
 //!   a quarter fewer steps, but of 193 random swings some reached further later, one by 0.32 m.
 //! - *Settling in single precision* with only its end in double: a fifth less time than in double, 8 of 33 swings

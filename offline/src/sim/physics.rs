@@ -93,8 +93,8 @@ pub trait MemoryLaw<T: Real>: Send + Sync {
     fn delay_s(&self) -> T;
     /// Viscosities μ' and λ' while the strain changes slowly against the delay, Pa s.
     fn viscosity(&self, lame: &Lame<T>) -> Lame<T>;
-    /// Modulus while it changes quickly, Pa. The law is stable in a step that is stable for either.
-    fn modulus_pa(&self, lame: &Lame<T>) -> T;
+    /// Moduli while it changes quickly, Pa. The law is stable in a step that is stable for either.
+    fn quick(&self, lame: &Lame<T>) -> Lame<T>;
 }
 
 /// A stress-free shape other than straight.

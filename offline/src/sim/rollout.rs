@@ -399,7 +399,7 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let viscosity: f64 = memory_laws()
         .map(|law| law.viscosity(&lame).p_wave_modulus().value())
         .sum();
-    let quick = memory_laws().fold(T::zero(), |sum, law| sum + law.modulus_pa(&lame));
+    let quick = memory_laws().fold(T::zero(), |sum, law| sum + fastest_pa(&law.quick(&lame)));
     let retardation_s = physics.retardation_s(&scene.rope);
     let of = |fastest_pa: T, viscosity_pa_s: f64| {
         scene.time_step_s(
@@ -408,7 +408,7 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
             retardation_s,
         )
     };
-    let (slow, fast) = (of(elastic, viscosity), of(elastic + stiff(quick), 0.0));
+    let (slow, fast) = (of(elastic, viscosity), of(elastic + quick, 0.0));
     T::select(slow.exceeds(fast), slow, fast)
 }
 

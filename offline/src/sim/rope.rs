@@ -39,7 +39,8 @@ impl RopeShape {
 /// How finely particles sample the rope.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sampling {
-    /// Distance of slices along the rope, in cells.
+    /// Distance of slices along the rope, in cells. Thinner ones bend no better: see "what did not pay" in
+    /// [`crate::sim`].
     pub slice_cells: f64,
     /// Largest distance of neighbouring rings of particles within a section, in cells.
     pub section_cells: f64,
