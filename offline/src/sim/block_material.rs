@@ -5,9 +5,10 @@
 
 use super::blocks::Body;
 use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, times};
-use super::lanes::{Instructions, Laned, Lanes};
+use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::material::{Material, remembered};
-use super::physics::Physics;
+use super::physics::MemoryLaw;
+use super::step::StepContext;
 use super::tensor::{Mat3, matadd, zero3};
 
 /// The stress-free shape of a member.
@@ -31,6 +32,34 @@ struct Element<L> {
     memories: Vec<Mat3<L>>,
     /// The values before the step at hand, by member.
     before: Vec<Mat3<L>>,
+}
+
+impl<L: Lanes> Element<L> {
+    fn new<T: Laned<Plain<I> = L, Base = L::Scalar>, I: Instructions>(
+        law: &dyn MemoryLaw<T>,
+        context: &StepContext<T>,
+        [blocks, members]: [usize; 2],
+        spacing_m: f64,
+    ) -> Self {
+        let [keep, take] = remembered(law.delay_s(), context.dt_s);
+        Self {
+            keep: channels::<T, I>(keep),
+            take: channels::<T, I>(take.scale(1.0 / spacing_m)),
+            viscosity: moduli::<T, I>(&law.viscosity(&context.lame)),
+            memories: vec![[zero3(); 3]; blocks * T::CHANNELS * members],
+            before: vec![[zero3(); 3]; members],
+        }
+    }
+}
+
+/// Moduli by channel, in every lane.
+pub fn moduli<T: Laned, I: Instructions>(lame: &Lame<T>) -> Vec<Lame<T::Plain<I>>> {
+    (0..T::CHANNELS)
+        .map(|k| Lame {
+            mu: channel::<T, I>(lame.mu, k),
+            lambda: channel::<T, I>(lame.lambda, k),
+        })
+        .collect()
 }
 
 /// Which member of a block, and of which channel.
@@ -64,12 +93,12 @@ pub struct BlockMaterial<L> {
 impl<L: Lanes> BlockMaterial<L> {
     /// In so many blocks of so many members; none where no law changes the material.
     pub fn new<T: Laned<Plain<I> = L, Base = L::Scalar>, I: Instructions>(
-        physics: &Physics<T>,
+        context: &StepContext<T>,
         material: &Material<T>,
         [blocks, members]: [usize; 2],
-        dt_s: f64,
         spacing_m: f64,
     ) -> Option<Self> {
+        let physics = context.physics;
         if !physics.changes_material() {
             return None;
         }
@@ -93,29 +122,18 @@ impl<L: Lanes> BlockMaterial<L> {
                 }
             }
         }
-        let blank = [zero3(); 3];
-        let of = |x: T| -> Vec<L> { (0..channels).map(|k| L::splat(x.channel(k))).collect() };
-        let element = |law: &dyn super::physics::MemoryLaw<T>| {
-            let [keep, take] = remembered(law.delay_s(), dt_s);
-            let viscosity = law.viscosity(&physics.lame());
-            let moduli = of(viscosity.mu).into_iter().zip(of(viscosity.lambda));
-            Element {
-                keep: of(keep),
-                take: of(take.scale(1.0 / spacing_m)),
-                viscosity: moduli.map(|(mu, lambda)| Lame { mu, lambda }).collect(),
-                memories: vec![blank; blocks * channels * members],
-                before: vec![blank; members],
-            }
-        };
+        let elements = physics.memory_laws.iter();
         Some(Self {
             channels,
             members,
             rest,
             bending,
-            elements: physics.memory_laws.iter().map(|law| element(&**law)).collect(),
-            common_pa: vec![blank; channels],
+            elements: elements
+                .map(|law| Element::new::<T, I>(&**law, context, [blocks, members], spacing_m))
+                .collect(),
+            common_pa: vec![[zero3(); 3]; channels],
             mean: None,
-            stresses: vec![blank; members],
+            stresses: vec![[zero3(); 3]; members],
         })
     }
 

@@ -6,7 +6,7 @@
 //! ([`super::lanes::Channels`]); the stress is computed on the values, and its differential applied to
 //! every tangent.
 
-use super::block_material::BlockMaterial;
+use super::block_material::{BlockMaterial, moduli};
 use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
 use super::contact::Footing;
@@ -14,7 +14,7 @@ use super::elastic::{Lame, fused_dot};
 use super::engine::Engine;
 use super::error::Cause;
 use super::grid::GridSpec;
-use super::lanes::{Instructions, Laned, Lanes};
+use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::laws::Laws;
 use super::legs::Placed;
 use super::material::Material;
@@ -106,17 +106,6 @@ fn footing<'a, T: Laned, I: Instructions>(
     }
 }
 
-/// One channel of a number, in every lane.
-#[inline(always)]
-fn channel<T: Laned, I: Instructions>(number: T, k: usize) -> T::Plain<I> {
-    T::Plain::<I>::splat(number.channel(k))
-}
-
-/// All of them.
-fn channels<T: Laned, I: Instructions>(number: T) -> Vec<T::Plain<I>> {
-    (0..T::CHANNELS).map(|k| channel::<T, I>(number, k)).collect()
-}
-
 impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn new(
         context: &StepContext<T>,
@@ -142,10 +131,6 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 T::base(4.0 * context.dt_s * volume_m3 / dx)
             }));
         }
-        let moduli = |lame: &Lame<T>, k: usize| Lame {
-            mu: channel::<T, I>(lame.mu, k),
-            lambda: channel::<T, I>(lame.lambda, k),
-        };
         let tangents = |m: &T| (1..T::CHANNELS).any(|k| m.channel(k).value() != 0.0);
         let per_cell = Lame {
             mu: context.viscosity.mu.scale(1.0 / dx),
@@ -163,17 +148,11 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 bodies,
                 rates: vec![[[zero; 3]; 3]; T::CHANNELS * members],
                 extra: laws.as_ref().map(|laws| laws.space(T::CHANNELS)),
-                material: BlockMaterial::new::<T, I>(
-                    context.physics,
-                    &material,
-                    [transfer.blocks(), members],
-                    context.dt_s,
-                    dx,
-                ),
+                material: BlockMaterial::new::<T, I>(context, &material, [transfer.blocks(), members], dx),
                 held,
                 stress_scales,
-                lame: (0..T::CHANNELS).map(|k| moduli(&context.lame, k)).collect(),
-                viscosity: (0..T::CHANNELS).map(|k| moduli(&per_cell, k)).collect(),
+                lame: moduli::<T, I>(&context.lame),
+                viscosity: moduli::<T, I>(&per_cell),
                 clamp_stiffness: channels::<T, I>(context.clamp_stiffness),
                 carried: 0.0,
                 masses_vary: masses.iter().any(tangents),

@@ -224,3 +224,14 @@ fn polar_by_invariants<T: Arithmetic>(f: &Mat3<T>, tolerance: f64) -> Mat3<T> {
     }
     r
 }
+
+/// One channel of a number, in every lane.
+#[inline(always)]
+pub fn channel<T: Laned, I: Instructions>(number: T, k: usize) -> T::Plain<I> {
+    T::Plain::<I>::splat(number.channel(k))
+}
+
+/// All channels of a number, each in every lane of a register.
+pub fn channels<T: Laned, I: Instructions>(number: T) -> Vec<T::Plain<I>> {
+    (0..T::CHANNELS).map(|k| channel::<T, I>(number, k)).collect()
+}
