@@ -32,6 +32,8 @@ pub(super) struct Facts<'a> {
     pub demos: [usize; 2],
     /// Whether the noise was measured.
     pub pure_error: bool,
+    /// As [`super::noise::Noise::doubt`] says.
+    pub doubt: f64,
 }
 
 /// The verdict and the reasons for caution.
@@ -50,7 +52,7 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     }
     let numerical = rounds
         .last()
-        .is_some_and(|r| excess_mm(fitted) <= r.table.discretisation_mm);
+        .is_some_and(|r| excess_mm(fitted, facts.doubt) <= r.table.discretisation_mm);
     let white = now.floors <= WHITE_FLOORS;
     if !white {
         reasons.push(if numerical {
@@ -79,10 +81,13 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     (explained(structure, facts.estimates, facts.rivals), reasons)
 }
 
-/// Root mean square of what a fit leaves beyond the noise, mm.
-pub(super) fn excess_mm(fitted: &FitResult) -> f64 {
+/// Root mean square of what a fit leaves beyond the noise and beyond doubt about it, mm; `doubt` is a share of the
+/// floor's square.
+pub(super) fn excess_mm(fitted: &FitResult, doubt: f64) -> f64 {
     let now = ResidualSummary::of(&fitted.best);
-    (now.rms_mm.powi(2) - now.floor_mm.powi(2)).max(0.0).sqrt()
+    (now.rms_mm.powi(2) - (1.0 + doubt) * now.floor_mm.powi(2))
+        .max(0.0)
+        .sqrt()
 }
 
 fn names(structure: &Structure) -> Vec<String> {
@@ -216,6 +221,7 @@ mod tests {
             rivals: &[],
             demos: [1, 1],
             pure_error: true,
+            doubt: 0.0,
         })
     }
 

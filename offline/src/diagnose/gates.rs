@@ -47,7 +47,9 @@ pub(super) fn statistical_gates(
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
     let square = |r: &ResidualSummary| r.rms_mm * r.rms_mm;
-    let held_size = (square(held_before) - square(&refit.held_out)).max(0.0).sqrt();
+    // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.
+    let size = |before: &ResidualSummary, after| (square(before) - square(after)).max(0.0).sqrt();
+    let [fit_size, held_size] = [size(fit_before, &refit.fit), size(held_before, &refit.held_out)];
     let removed = excess_removed(fit_before, &refit.fit, 0.0);
     let held_removed = excess_removed(held_before, &refit.held_out, 0.0);
     vec![
@@ -71,10 +73,11 @@ pub(super) fn statistical_gates(
         ),
         Gate::new(
             "size of interest",
-            held_size >= held_before.floor_mm,
+            held_size >= held_before.floor_mm || fit_size >= fit_before.floor_mm,
             format!(
-                "moves the held-out rope by {held_size:.2} mm rms, the noise floor is {:.2} mm",
-                held_before.floor_mm
+                "moves the rope by {fit_size:.2} mm rms where fitted and {held_size:.2} where held out, the noise \
+                 floors are {:.2} and {:.2} mm",
+                fit_before.floor_mm, held_before.floor_mm
             ),
         ),
         physical_value(spec, refit),
@@ -122,8 +125,15 @@ fn physical_value(spec: &effects::EffectSpec, refit: &Refit) -> Gate {
     )
 }
 
-/// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it.
-pub(super) fn refinement_gate(coarse: &[f64], fine: &[f64], noise_se: &[f64]) -> Gate {
+/// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it. Where an effect saturates,
+/// as a clamp that gives so much that it is a hinge, very different values do the same: then what counts is how far
+/// they move the rope, `apart_mm`, against what the effect explains, `explained_mm`.
+pub(super) fn refinement_gate(
+    coarse: &[f64],
+    fine: &[f64],
+    noise_se: &[f64],
+    [apart_mm, explained_mm]: [f64; 2],
+) -> Gate {
     const TOLERANCE: f64 = 0.2;
     let lead = (0..coarse.len())
         .max_by(|&a, &b| (coarse[a].abs() / noise_se[a]).total_cmp(&(coarse[b].abs() / noise_se[b])))
@@ -131,9 +141,10 @@ pub(super) fn refinement_gate(coarse: &[f64], fine: &[f64], noise_se: &[f64]) ->
     let change = (fine[lead] - coarse[lead]).abs() / coarse[lead].abs().max(f64::MIN_POSITIVE);
     Gate::new(
         "grid refinement",
-        change <= TOLERANCE,
+        change <= TOLERANCE || apart_mm <= TOLERANCE * explained_mm,
         format!(
-            "{:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart",
+            "{:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart, which moves the rope by {apart_mm:.2} mm; \
+             the effect explains {explained_mm:.2} mm",
             coarse[lead],
             fine[lead],
             100.0 * change

@@ -29,6 +29,8 @@ pub struct Noise {
     pub in_time: f64,
     /// Correlation with that of the neighbouring station.
     pub along_rope: f64,
+    /// Independent values from which its size is known; infinitely many where it is declared.
+    pub values: f64,
 }
 
 impl Noise {
@@ -37,6 +39,7 @@ impl Noise {
         scale: 1.0,
         in_time: 0.0,
         along_rope: 0.0,
+        values: f64::INFINITY,
     };
 
     /// From frames at rest; none where the demonstrations show too few.
@@ -53,6 +56,10 @@ impl Noise {
                 series.extend(rest_series(rows, frames, stations));
             }
         }
+        Self::of_series(&series)
+    }
+
+    fn of_series(series: &[Series]) -> Option<Self> {
         if series.is_empty() {
             return None;
         }
@@ -60,15 +67,28 @@ impl Noise {
         let candidates = (0..=steps).map(|k| k as f64 / 100.0);
         let (in_time, variance, _) = candidates
             .map(|r| {
-                let (variance, likelihood) = restricted_likelihood(&series, r);
+                let (variance, likelihood) = restricted_likelihood(series, r);
                 (r, variance, likelihood)
             })
             .max_by(|a, b| a.2.total_cmp(&b.2))?;
+        let along_rope = neighbours(series, in_time);
+        let free: f64 = series.iter().map(|s| s.offsets.len() as f64 - 1.0).sum();
         Some(Self {
             scale: variance.sqrt(),
             in_time,
-            along_rope: neighbours(&series, in_time),
+            along_rope,
+            // The correlation in time is found from the same values, which makes the size as uncertain as if they were
+            // not told apart.
+            values: free * independent(in_time) * independent(along_rope),
         })
+    }
+
+    /// By how much of its square the noise floor may lie too low under so many offsets: both mean squares are of few
+    /// independent values. The upper end of a one-sided 95 % interval of their difference.
+    pub fn doubt(&self, rows: usize) -> f64 {
+        const DEVIATIONS: f64 = 1.645;
+        let seen = rows as f64 * independent(self.in_time) * independent(self.along_rope);
+        DEVIATIONS * (2.0 / self.values + 2.0 / seen).sqrt()
     }
 
     /// The operator that makes this noise white on the rows of an evaluation.
@@ -88,6 +108,12 @@ impl Noise {
             passes: [in_time, along_rope],
         }
     }
+}
+
+/// Share of the values of an autoregressive series that count as independent in their mean square.
+fn independent(correlation: f64) -> f64 {
+    let square = correlation * correlation;
+    (1.0 - square) / (1.0 + square)
 }
 
 /// Offsets of one station along one direction over the frames at rest, in declared standard errors.
@@ -304,6 +330,22 @@ mod tests {
         assert!((alongs - 0.7).abs() < 0.03, "{alongs}");
     }
 
+    /// Noise alone leaves more than the floor with its doubt in one of twenty sets.
+    #[test]
+    fn noise_alone_seldom_exceeds_its_floor_beyond_doubt() {
+        const SETS: u64 = 200;
+        let exceeds = |seed: &u64| {
+            let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], *seed);
+            let found = Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS)).unwrap();
+            let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
+            let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
+            square > found.scale.powi(2) * (1.0 + found.doubt(offsets.len()))
+        };
+        let count = (0..SETS).filter(exceeds).count();
+        println!("{count} of {SETS}");
+        assert!((1..=20).contains(&count), "{count}");
+    }
+
     /// After whitening with the true correlations the noise has unit variance and no neighbours alike.
     #[test]
     fn whitened_noise_is_white() {
@@ -325,6 +367,7 @@ mod tests {
             scale: 1.0,
             in_time: 0.6,
             along_rope: 0.7,
+            values: f64::INFINITY,
         };
         let raw = evaluation.whitened();
         let column = DMatrix::from_columns(&[raw]);

@@ -11,6 +11,7 @@ use crate::fit::{
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
+use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -88,7 +89,8 @@ pub(super) fn one_round(
         .collect();
     progress(&format!("best scores (needed): {}", listed.join(", ")));
     let tried = refit_leading(bench, structure, fitted, (&table, held_now), options, progress);
-    let (refits, winner, tied) = choose(bench, tried, options, progress)?;
+    let now = ResidualSummary::of(&fitted.best);
+    let (refits, winner, tied) = choose(bench, tried, &now, options, progress)?;
     let accepted = winner.as_ref().map(|w| w.3.clone());
     let round = Round {
         known: structure
@@ -108,6 +110,7 @@ pub(super) fn one_round(
 fn choose(
     bench: &Bench,
     mut tried: Vec<Tried>,
+    now: &ResidualSummary,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
 ) -> Result<Chosen, FitError> {
@@ -119,7 +122,7 @@ fn choose(
     for (mut refit, next_structure, next_fit) in tried {
         if refined && winner.is_none() && refit.passed {
             progress(&format!("checking {} on a finer grid", refit.id));
-            let gate = refine(bench, &next_structure, &next_fit)?;
+            let gate = refine(bench, &next_structure, &next_fit, now)?;
             refit.passed &= gate.passed;
             refit.gates.push(gate);
         }
@@ -154,7 +157,9 @@ fn refit_leading(
     let mut tried: Vec<Tried> = Vec::new();
     for batch in std::iter::once(&first[..]).chain(others[..room].chunks(options.refits)) {
         let explained = |(refit, _, fit): &Tried| {
-            refit.passed && (refit.fit.floors <= WHITE_FLOORS || excess_mm(fit) <= table.discretisation_mm)
+            refit.passed
+                && (refit.fit.floors <= WHITE_FLOORS
+                    || excess_mm(fit, bench.doubt()) <= table.discretisation_mm)
         };
         if batch.is_empty() || tried.iter().any(explained) {
             break;
@@ -329,8 +334,14 @@ fn judge(
     Ok((refit, next, result))
 }
 
-/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid.
-fn refine(bench: &Bench, structure: &Structure, fitted: &FitResult) -> Result<Gate, FitError> {
+/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid; `before` is what was left without the
+/// effect.
+fn refine(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    before: &ResidualSummary,
+) -> Result<Gate, FitError> {
     let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
     let effect = structure.effects[structure.effects.len() - 1];
     let spec = &effects::ALL[effect];
@@ -346,10 +357,19 @@ fn refine(bench: &Bench, structure: &Structure, fitted: &FitResult) -> Result<Ga
         .iter()
         .map(|e| e.standard_error)
         .collect();
+    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
+    let apart = own
+        * DVector::from_iterator(own.ncols(), {
+            let pairs = fine.best.theta.iter().zip(&fitted.best.theta);
+            pairs.skip(first).map(|(fine, fit)| fine - fit)
+        });
+    let after = ResidualSummary::of(&fitted.best);
+    let explained = (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt();
     Ok(refinement_gate(
         &change(&fitted.best.theta),
         &change(&fine.best.theta),
         &errors,
+        [1e3 * apart.norm() / (apart.len() as f64).sqrt(), explained],
     ))
 }
 

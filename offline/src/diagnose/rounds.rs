@@ -149,6 +149,8 @@ pub(super) struct Bench<'a> {
     pub(super) held_out: Problem<'a>,
     pub(super) finer: Problem<'a>,
     pub(super) noise: Noise,
+    /// Number of offsets where fitted.
+    rows: usize,
 }
 
 impl<'a> Bench<'a> {
@@ -161,7 +163,13 @@ impl<'a> Bench<'a> {
             held_out,
             finer,
             noise: Noise::DECLARED,
+            rows: 0,
         })
+    }
+
+    /// By how much of its square the noise floor may lie too low where fitted.
+    pub(super) fn doubt(&self) -> f64 {
+        self.noise.doubt(self.rows)
     }
 
     fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
@@ -195,6 +203,7 @@ pub fn close_loop(
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
     let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
     let noise = Noise::at_rest(demos, &base.best, &times);
+    bench.rows = base.best.len();
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
         for row in base.best.rows.iter_mut().flatten() {
@@ -208,7 +217,7 @@ pub fn close_loop(
     let (mut rivals, mut library) = (Vec::new(), None);
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
-        && !only_numerical(&fitted, &rounds)
+        && !only_numerical(&fitted, &rounds, bench.doubt())
     {
         let (round, winner, slopes) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
         library = Some(slopes);
@@ -234,6 +243,7 @@ pub fn close_loop(
         rivals: &rivals,
         demos: [demos.len(), held_out.len()],
         pure_error: noise.is_some(),
+        doubt: bench.doubt(),
     });
     Ok(Outcome {
         structure,
@@ -253,10 +263,9 @@ pub fn close_loop(
 
 /// Whether the last round explained everything but what the simulation itself is known to be off by. No
 /// further effect could be believed, and a round takes as long as all before it.
-fn only_numerical(fitted: &FitResult, rounds: &[Round]) -> bool {
-    rounds
-        .last()
-        .is_some_and(|round| round.accepted.is_some() && excess_mm(fitted) <= round.table.discretisation_mm)
+fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
+    let last = rounds.last().filter(|round| round.accepted.is_some());
+    last.is_some_and(|round| excess_mm(fitted, doubt) <= round.table.discretisation_mm)
 }
 
 impl Bench<'_> {
