@@ -2,9 +2,9 @@
 //! section has a normal of its own, the director. It stretches, shears and bends (Reissner 1973; discrete as in
 //! Gazzola et al. 2018, "Forward and inverse problems in the mechanics of soft filaments"; the curvature is that of
 //! Bergou et al. 2008, "Discrete elastic rods", with directors in place of tangents), and its sections have rotary
-//! inertia: a rope is so thick that its third mode is several percent slower than without both. Straight at
-//! rest, circular section, so twist carries no energy and is left out. Shares no code with the simulator that it
-//! judges.
+//! inertia: a rope is so thick that its third mode is several percent slower than without both. Circular section;
+//! a vector of its material in every section carries twist and natural curvature. Shares no code with the simulator
+//! that it judges.
 
 use nalgebra::Vector3;
 use std::f64::consts::PI;
@@ -39,7 +39,9 @@ pub struct Rod {
     pub v: Vec<Vector3<f64>>,
     /// Directors of the segments: unit normals of their sections.
     pub directors: Vec<Vector3<f64>>,
-    /// Their angular velocities, across them, 1/s.
+    /// Unit vectors in the sections that turn with the material: about them a natural curvature bends.
+    pub sides: Vec<Vector3<f64>>,
+    /// Angular velocities of the sections, 1/s.
     pub turning: Vec<Vector3<f64>>,
     /// Node masses, kg.
     pub mass: Vec<f64>,
@@ -49,8 +51,7 @@ pub struct Rod {
     pub bending: Vec<f64>,
     /// Length of rope whose bend each node stands for, m.
     pub bend_m: Vec<f64>,
-    /// Natural curvature about −y, 1/m: of a rod along x, upwards. The axis does not turn with the rod,
-    /// so this is for motion in the plane of x and z.
+    /// Natural curvature about the sides, 1/m: of a rod along x, upwards.
     pub natural_per_m: f64,
     /// Coefficient c of the stress E ε (1 + c ε²).
     pub stiffening: f64,
@@ -62,8 +63,12 @@ pub struct Rod {
     pub axial: f64,
     /// Shear stiffness κ G A, N, with Cowper's κ = 6 (1 + ν)/(7 + 6 ν) of a disc (1966).
     pub shear: f64,
-    /// Rotary inertia of a segment about a diameter of its section, kg m².
+    /// Rotary inertia of a segment about a diameter of its section, kg m²; about its axis it is twice that.
     pub inertia: f64,
+    /// Stiffness against twist between two segments, G 2I over their distance, N m.
+    pub twist: f64,
+    /// The side of the straight rod.
+    side: Vector3<f64>,
     /// See [`RodSpec::axial_retardation_s`].
     pub axial_retardation_s: f64,
     /// See [`RodSpec::bending_retardation_s`].
@@ -82,12 +87,16 @@ impl Rod {
         let share_m: Vec<f64> = (0..=n).map(share).collect();
         let inner = |i: usize| i != 0 && i != n;
         let bend = spec.young_pa * second_moment / rest_m;
+        // Of a rod along x, −y.
+        let across = Vector3::y() - direction * direction.y;
+        let side = -across.try_normalize(1e-9).unwrap_or_else(Vector3::x);
         Self {
             x: (0..=n)
                 .map(|i| start_m + direction * (i as f64 * rest_m))
                 .collect(),
             v: vec![Vector3::zeros(); n + 1],
             directors: vec![direction; n],
+            sides: vec![side; n],
             turning: vec![Vector3::zeros(); n],
             mass: share_m.iter().map(|s| spec.mass_kg * s / spec.length_m).collect(),
             share_m,
@@ -104,6 +113,8 @@ impl Rod {
             inertia: spec.mass_kg / area * second_moment / n as f64,
             axial_retardation_s: spec.axial_retardation_s,
             bending_retardation_s: spec.bending_retardation_s,
+            twist: bend / (1.0 + spec.poisson),
+            side,
             torques: vec![Vector3::zeros(); n],
         }
     }
@@ -121,24 +132,26 @@ impl Rod {
         &self.torques
     }
 
-    /// Turns the directors by a step of the torques that were taken down.
+    /// Turns the sections by a step of the torques that were taken down.
     pub fn turn(&mut self, dt_s: f64) {
-        let all = self
-            .directors
-            .iter_mut()
-            .zip(&mut self.turning)
-            .zip(&self.torques);
-        for ((director, turning), torque) in all {
-            *turning += torque * (dt_s / self.inertia);
-            *director = (*director + turning.cross(director) * dt_s).normalize();
-            // Twist has neither energy nor inertia.
-            *turning -= *director * turning.dot(director);
+        for j in 0..self.directors.len() {
+            let director = self.directors[j];
+            let turning = self.turning[j];
+            // Angular momentum over the inertia: about the axis that is twice as large.
+            let spin = turning + director * turning.dot(&director) + self.torques[j] * (dt_s / self.inertia);
+            let turning = spin - director * (0.5 * spin.dot(&director));
+            let director = (director + turning.cross(&director) * dt_s).normalize();
+            let side = self.sides[j] + turning.cross(&self.sides[j]) * dt_s;
+            self.sides[j] = (side - director * side.dot(&director)).normalize();
+            self.directors[j] = director;
+            self.turning[j] = spin - director * (0.5 * spin.dot(&director));
         }
     }
 
-    /// Holds a segment's director.
+    /// Holds a segment's section as it was in the straight rod.
     pub fn hold(&mut self, segment: usize, director: Vector3<f64>) {
         self.directors[segment] = director;
+        self.sides[segment] = self.side;
         self.turning[segment] = Vector3::zeros();
     }
 
@@ -169,12 +182,13 @@ impl Rod {
         }
     }
 
-    /// Bending with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2), of neighbouring
+    /// Bending and twist, with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2), of neighbouring
     /// directors.
     ///
     /// With c = cos θ between them the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so dE/dc = −4B/(1 + c)². A stiffening
-    /// stress adds the moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k (`natural_torque`). The viscous
-    /// part resists the difference of the neighbours' angular velocities with the torque B τ Δω.
+    /// stress adds the moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k with k along the mean of the sides. The twist φ
+    /// has the energy C (1 − cos φ), (1 + c) cos φ being the sum of the products of both vectors across the directors.
+    /// The viscous part resists the difference of the neighbours' angular velocities with the torque B τ Δω.
     fn add_bending(&mut self) {
         for i in 1..self.directors.len() {
             let [near, far] = [self.directors[i - 1], self.directors[i]];
@@ -188,11 +202,18 @@ impl Rod {
             let viscous = rates * (stiffness * self.bending_retardation_s);
             self.torques[i - 1] += elastic + viscous;
             self.torques[i] -= elastic + viscous;
-            if self.natural_per_m != 0.0 {
-                let natural = Vector3::new(0.0, -self.natural_per_m * self.bend_m[i], 0.0);
-                self.torques[i - 1] += natural_torque(&near, &far, &natural) * stiffness;
-                self.torques[i] -= natural_torque(&far, &near, &natural) * stiffness;
-            }
+            let [own, other] = [self.sides[i - 1], self.sides[i]];
+            let natural = (own + other) * (0.5 * self.natural_per_m * self.bend_m[i]);
+            let bent = near.cross(&far) * (2.0 / (1.0 + c));
+            let half = bent * (0.5 * self.natural_per_m * self.bend_m[i] * stiffness);
+            self.torques[i - 1] += natural_torque(&near, &far, &natural) * stiffness + own.cross(&half);
+            self.torques[i] += other.cross(&half) - natural_torque(&far, &near, &natural) * stiffness;
+            let (second, second_other) = (near.cross(&own), far.cross(&other));
+            let aligned = own.dot(&other) + second.dot(&second_other);
+            let untwisting = (own.cross(&other) + second.cross(&second_other)) / (1.0 + c)
+                - near.cross(&far) * (aligned / (1.0 + c).powi(2));
+            self.torques[i - 1] += untwisting * self.twist;
+            self.torques[i] -= untwisting * self.twist;
         }
     }
 
@@ -233,9 +254,12 @@ impl Rod {
             let c = t0.dot(t1);
             let square = 4.0 * (1.0 - c) / (1.0 + c);
             let natural = self.natural_per_m * self.bend_m[i];
-            let about_y = 2.0 * t0.cross(t1).y / (1.0 + c);
+            let [own, other] = [&self.sides[i - 1], &self.sides[i]];
+            let about_side = t0.cross(t1).dot(&(own + other)) / (1.0 + c);
+            let aligned = own.dot(other) + t0.cross(own).dot(&t1.cross(other));
+            energy += self.twist * (1.0 - aligned / (1.0 + c));
             let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
-            energy += self.bending[i] * (0.5 * (square + natural * natural) + natural * about_y)
+            energy += self.bending[i] * (0.5 * (square + natural * natural) - natural * about_side)
                 + 0.25 * quartic * square * square;
         }
         energy
@@ -244,7 +268,8 @@ impl Rod {
     /// Kinetic energy, J.
     pub fn kinetic_energy_j(&self) -> f64 {
         let nodes = self.mass.iter().zip(&self.v).map(|(m, v)| m * v.norm_squared());
-        let sections = self.turning.iter().map(|w| self.inertia * w.norm_squared());
+        let sections = self.turning.iter().zip(&self.directors);
+        let sections = sections.map(|(w, d)| self.inertia * (w.norm_squared() + w.dot(d).powi(2)));
         0.5 * (nodes.sum::<f64>() + sections.sum::<f64>())
     }
 

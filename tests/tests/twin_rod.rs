@@ -199,6 +199,7 @@ fn crumpled(axial_retardation_s: f64) -> Rod {
         bending_retardation_s: 0.0,
     };
     let mut rod = Rod::straight(&spec, Vector3::zeros(), Vector3::x());
+    rod.natural_per_m = 7.0;
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut vector = || Vector3::from_fn(|_, _| random.random::<f64>() - 0.5);
     for i in 0..rod.x.len() {
@@ -207,8 +208,9 @@ fn crumpled(axial_retardation_s: f64) -> Rod {
     }
     for j in 0..rod.directors.len() {
         let director = (rod.directors[j] + vector()).normalize();
-        rod.hold(j, director);
-        rod.turning[j] = director.cross(&vector()) * 10.0;
+        rod.directors[j] = director;
+        rod.sides[j] = director.cross(&vector()).normalize();
+        rod.turning[j] = vector() * 10.0;
     }
     rod
 }
@@ -236,6 +238,7 @@ fn elastic_forces_are_the_slope_of_the_energy() {
                 let mut rod = rod.clone();
                 let axis = Vector3::from_fn(|a, _| if a == k { angle } else { 0.0 });
                 rod.directors[j] = nalgebra::Rotation3::new(axis) * rod.directors[j];
+                rod.sides[j] = nalgebra::Rotation3::new(axis) * rod.sides[j];
                 rod.elastic_energy_j()
             };
             let step = 1e-6;
