@@ -25,7 +25,8 @@ fn distance(point: &Vector3<f64>, nodes: &[Vector3<f64>]) -> f64 {
     nodes.windows(2).map(to_piece).fold(f64::INFINITY, f64::min)
 }
 
-/// Every hit lies on the surface (or on an end's flat face, nearer to the axis), and none at its back.
+/// Every hit lies on the surface (or on an end's flat face, nearer to the axis), and none at its back. At the ends,
+/// where a ray that meets the face may have come from over the axis, only the first is asked.
 #[test]
 fn hits_lie_on_the_visible_surface() {
     let frames = truth();
@@ -36,15 +37,18 @@ fn hits_lie_on_the_visible_surface() {
             assert!(hits.len() > 300, "only {} pixels see the rope", hits.len());
             let mut on_faces = 0;
             for hit in &hits {
-                let off = distance(&(position + hit.ray * hit.range_m), &frame.nodes_m) - RADIUS;
+                let point = position + hit.ray * hit.range_m;
+                let off = distance(&point, &frame.nodes_m) - RADIUS;
+                let ends = [frame.nodes_m.first(), frame.nodes_m.last()];
+                let at_end = ends
+                    .into_iter()
+                    .flatten()
+                    .any(|end| (point - end).norm() < 1.5 * RADIUS);
                 assert!(off < 1e-4, "{off} m above the surface");
                 on_faces += usize::from(off < -1e-4);
                 // A little nearer to the camera there is no rope any more.
                 let before = distance(&(position + hit.ray * (hit.range_m - 1e-3)), &frame.nodes_m);
-                assert!(
-                    off < -1e-4 || before > RADIUS,
-                    "the ray has entered the rope before"
-                );
+                assert!(at_end || before > RADIUS, "the ray has entered the rope before");
             }
             assert!(
                 10 * on_faces < hits.len(),
