@@ -101,7 +101,8 @@ fn print_table(methods: &[Method]) {
         errors: true,
         density_kg_m3: DENSITY_KG_M3,
         notes: vec![
-            "The twin rod has no Poisson's ratio: its column shows the estimate itself.".into(),
+            "The twin rod has Poisson's ratio 0.3 in its shear alone: its column shows the estimate itself."
+                .into(),
             "Chamfer: the twin's visible surface against particles that fill the rope.".into(),
         ],
     };
