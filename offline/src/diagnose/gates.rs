@@ -36,6 +36,11 @@ pub(super) fn excess_removed(before: &ResidualSummary, after: &ResidualSummary, 
     (square(before) - square(after)) / excess.max(f64::MIN_POSITIVE)
 }
 
+/// Root mean square of what a refit took away, mm.
+pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -> f64 {
+    (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt()
+}
+
 /// Gates that need no further simulation.
 pub(super) fn statistical_gates(
     score: &Score,
@@ -46,10 +51,9 @@ pub(super) fn statistical_gates(
     let spec = &effects::ALL[score.effect];
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
-    let square = |r: &ResidualSummary| r.rms_mm * r.rms_mm;
     // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.
-    let size = |before: &ResidualSummary, after| (square(before) - square(after)).max(0.0).sqrt();
-    let [fit_size, held_size] = [size(fit_before, &refit.fit), size(held_before, &refit.held_out)];
+    let fit_size = taken_away_mm(fit_before, &refit.fit);
+    let held_size = taken_away_mm(held_before, &refit.held_out);
     let removed = excess_removed(fit_before, &refit.fit, 0.0);
     let held_removed = excess_removed(held_before, &refit.held_out, 0.0);
     vec![

@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::{WHITE_FLOORS, excess_mm};
-use super::gates::{Gate, refinement_gate, statistical_gates};
+use super::gates::{Gate, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -159,7 +159,7 @@ fn refit_leading(
         let explained = |(refit, _, fit): &Tried| {
             refit.passed
                 && (refit.fit.floors <= WHITE_FLOORS
-                    || excess_mm(fit, bench.doubt()) <= table.discretisation_mm)
+                    || excess_mm(fit, bench.doubt(fit)) <= table.discretisation_mm)
         };
         if batch.is_empty() || tried.iter().any(explained) {
             break;
@@ -346,30 +346,23 @@ fn refine(
     let effect = structure.effects[structure.effects.len() - 1];
     let spec = &effects::ALL[effect];
     let first = fitted.best.theta.len() - spec.parameters.len();
-    let change = |theta: &[f64]| -> Vec<f64> {
-        theta[first..]
-            .iter()
-            .zip(spec.parameters)
-            .map(|(t, p)| t - p.vanishes_at)
-            .collect()
-    };
+    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
+    let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
+        let own = evaluation.theta[first..].iter().zip(spec.parameters);
+        DVector::from_iterator(spec.parameters.len(), own.map(|(t, p)| t - p.vanishes_at))
+    });
     let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
         .iter()
         .map(|e| e.standard_error)
         .collect();
-    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
-    let apart = own
-        * DVector::from_iterator(own.ncols(), {
-            let pairs = fine.best.theta.iter().zip(&fitted.best.theta);
-            pairs.skip(first).map(|(fine, fit)| fine - fit)
-        });
-    let after = ResidualSummary::of(&fitted.best);
-    let explained = (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt();
+    let apart = own * (&fine - &coarse);
+    let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
+    let explained_mm = taken_away_mm(before, &ResidualSummary::of(&fitted.best));
     Ok(refinement_gate(
-        &change(&fitted.best.theta),
-        &change(&fine.best.theta),
+        coarse.as_slice(),
+        fine.as_slice(),
         &errors,
-        [1e3 * apart.norm() / (apart.len() as f64).sqrt(), explained],
+        [apart_mm, explained_mm],
     ))
 }
 

@@ -149,8 +149,6 @@ pub(super) struct Bench<'a> {
     pub(super) held_out: Problem<'a>,
     pub(super) finer: Problem<'a>,
     pub(super) noise: Noise,
-    /// Number of offsets where fitted.
-    rows: usize,
 }
 
 impl<'a> Bench<'a> {
@@ -163,13 +161,12 @@ impl<'a> Bench<'a> {
             held_out,
             finer,
             noise: Noise::DECLARED,
-            rows: 0,
         })
     }
 
-    /// By how much of its square the noise floor may lie too low where fitted.
-    pub(super) fn doubt(&self) -> f64 {
-        self.noise.doubt(self.rows)
+    /// By how much of its square the noise floor under a fit may lie too low.
+    pub(super) fn doubt(&self, fitted: &FitResult) -> f64 {
+        self.noise.doubt(fitted.best.len())
     }
 
     fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
@@ -203,7 +200,6 @@ pub fn close_loop(
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
     let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
     let noise = Noise::at_rest(demos, &base.best, &times);
-    bench.rows = base.best.len();
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
         for row in base.best.rows.iter_mut().flatten() {
@@ -217,7 +213,7 @@ pub fn close_loop(
     let (mut rivals, mut library) = (Vec::new(), None);
     while structure.effects.len() < options.max_effects
         && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
-        && !only_numerical(&fitted, &rounds, bench.doubt())
+        && !only_numerical(&fitted, &rounds, bench.doubt(&fitted))
     {
         let (round, winner, slopes) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
         library = Some(slopes);
@@ -243,7 +239,7 @@ pub fn close_loop(
         rivals: &rivals,
         demos: [demos.len(), held_out.len()],
         pure_error: noise.is_some(),
-        doubt: bench.doubt(),
+        doubt: bench.doubt(&fitted),
     });
     Ok(Outcome {
         structure,

@@ -8,8 +8,10 @@ use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, t
 use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::material::{Material, remembered};
 use super::physics::MemoryLaw;
+use super::real::Arithmetic;
 use super::step::StepContext;
 use super::tensor::{Mat3, matadd, zero3};
+use std::ops::Range;
 
 /// The stress-free shape of a member.
 #[derive(Clone, Copy)]
@@ -166,17 +168,14 @@ impl<L: Lanes> BlockMaterial<L> {
     /// F A, or its differential; `value` is that of the member's channel 0.
     #[inline(always)]
     fn elastic(&self, place: Place, f: &Mat3<L>, value: &Mat3<L>) -> Mat3<L> {
-        let mut elastic = *f;
         if self.rest.is_empty() {
-            return elastic;
+            return *f;
         }
         let own = &self.rest[self.at(place)];
         if place.channel == 0 {
-            for row in &mut elastic {
-                row[0] = row[0] * own.inverse;
-            }
-            return elastic;
+            return columns_times(f, 0..1, own.inverse);
         }
+        let mut elastic = *f;
         let first = &self.rest[self.at(Place { channel: 0, ..place })];
         for a in 0..3 {
             elastic[a][0] = f[a][0].times_plus(first.inverse, value[a][0] * own.inverse);
@@ -245,11 +244,7 @@ impl<L: Lanes> BlockMaterial<L> {
             stress = product(&own, self.bending[place.block * self.channels]);
         }
         if !self.rest.is_empty() {
-            let rest = &self.rest[self.at(place)];
-            for row in &mut stress {
-                row[1] = row[1] * rest.stretch;
-                row[2] = row[2] * rest.stretch;
-            }
+            stress = columns_times(&stress, 1..3, self.rest[self.at(place)].stretch);
         }
         if self.bending.is_empty() {
             return stress;
@@ -260,14 +255,11 @@ impl<L: Lanes> BlockMaterial<L> {
     /// (1 − c) P(F̄) Aᵀ of a member.
     #[inline(always)]
     fn common_value(&self, place: Place) -> Mat3<L> {
-        let mut common = self.common_pa[0];
-        if !self.rest.is_empty() {
-            let rest = &self.rest[self.at(place)];
-            for row in &mut common {
-                row[0] = row[0] * rest.inverse;
-            }
+        let common = &self.common_pa[0];
+        if self.rest.is_empty() {
+            return *common;
         }
-        common
+        columns_times(common, 0..1, self.rest[self.at(place)].inverse)
     }
 
     /// The differential of that stress in another channel; `differential` is that of P(F A).
@@ -351,9 +343,15 @@ impl<L: Lanes> BlockMaterial<L> {
 /// M c.
 #[inline(always)]
 fn product<L: Lanes>(m: &Mat3<L>, c: L) -> Mat3<L> {
+    columns_times(m, 0..3, c)
+}
+
+/// M with some of its columns times c.
+#[inline(always)]
+pub fn columns_times<T: Arithmetic>(m: &Mat3<T>, columns: Range<usize>, c: T) -> Mat3<T> {
     let mut product = *m;
     for row in &mut product {
-        for x in row {
+        for x in &mut row[columns.clone()] {
             *x = *x * c;
         }
     }

@@ -198,18 +198,41 @@ impl<L: Lanes> Blocks<L> {
 
     /// Stress in channel 0, its differential in the others; keeps what the others need.
     #[inline(always)]
-    fn stress(&mut self, block: usize, channel: usize, member: usize) -> Result<Mat3<L>, Stop> {
+    fn stress<const MATERIAL: bool>(
+        &mut self,
+        block: usize,
+        channel: usize,
+        member: usize,
+    ) -> Result<Mat3<L>, Stop> {
+        let place = Place {
+            block,
+            channel,
+            member,
+        };
         let members = self.transfer.members.len();
-        let f = &self.bodies[self.first(block, channel) + member].deformation_gradient;
+        let (own, first) = (self.first(block, channel) + member, self.first(block, 0) + member);
+        let mut material = if MATERIAL { self.material.as_mut() } else { None };
+        let f = &self.bodies[own].deformation_gradient;
         let rate = &self.rates[channel * members + member];
         if channel > 0 {
-            let value = &self.bodies[self.first(block, 0) + member].deformation_gradient;
+            let at = [&self.bodies[first].deformation_gradient, &self.rates[member]];
             let (elastic, straining) = &self.differentials[member];
             let viscosities = [&self.viscosity[0], &self.viscosity[channel]];
-            let viscous = straining.differential([value, &self.rates[member]], [f, rate], viscosities);
-            return Ok(matadd(&elastic.of(f, &self.lame[channel]), &viscous));
+            let viscous = straining.differential(at, [f, rate], viscosities);
+            let change = match &material {
+                Some(material) => material.change(place, elastic, [at[0], f], &self.lame[channel]),
+                None => elastic.of(f, &self.lame[channel]),
+            };
+            let mut pk1 = matadd(&change, &viscous);
+            if let Some(material) = &mut material {
+                material.remember_change(place, straining, [at, [f, rate]], &mut pk1);
+            }
+            return Ok(pk1);
         }
-        let strained = Strained::new(f);
+        let strained = match &material {
+            Some(material) => material.strained(place, f),
+            None => Strained::new(f),
+        };
         if !L::everywhere(strained.j.exceeds(L::zero())) {
             return Err(worst(member, strained.j));
         }
@@ -219,17 +242,22 @@ impl<L: Lanes> Blocks<L> {
             let elastic = StressDifferential::new(&strained, &self.lame[0]);
             self.differentials.push((elastic, straining));
         }
-        Ok(matadd(
-            &strained.piola_stress(&self.lame[0]),
-            &straining.piola_stress(f),
-        ))
+        let elastic = match &mut material {
+            Some(material) => material.stress(place, &strained, &self.lame[0]),
+            None => strained.piola_stress(&self.lame[0]),
+        };
+        let mut pk1 = matadd(&elastic, &straining.piola_stress(f));
+        if let Some(material) = &mut material {
+            material.remember(place, &straining, f, &mut pk1);
+        }
+        Ok(pk1)
     }
 
     /// Takes down what the members of the slices of a block have in common.
     #[inline(always)]
     fn take_down(&mut self, block: usize, channel: usize) {
         let members = self.transfer.members.len();
-        let [own, first] = [channel, 0].map(|k| self.first(block, k));
+        let (own, first) = (self.first(block, channel), self.first(block, 0));
         if let Some(material) = &mut self.material {
             let (bodies, values) = (
                 &self.bodies[own..own + members],
@@ -239,52 +267,6 @@ impl<L: Lanes> Blocks<L> {
         }
     }
 
-    /// As [`Self::stress`], of a material that laws change.
-    #[inline(always)]
-    fn material_stress(&mut self, block: usize, channel: usize, member: usize) -> Result<Mat3<L>, Stop> {
-        let place = Place {
-            block,
-            channel,
-            member,
-        };
-        let [own, first] = [channel, 0].map(|k| self.first(block, k));
-        let Some(material) = &mut self.material else {
-            return self.stress(block, channel, member);
-        };
-        let members = self.transfer.members.len();
-        let (f, rate) = (
-            &self.bodies[own + member].deformation_gradient,
-            &self.rates[channel * members + member],
-        );
-        if channel > 0 {
-            let at = [
-                &self.bodies[first + member].deformation_gradient,
-                &self.rates[member],
-            ];
-            let (elastic, straining) = &self.differentials[member];
-            let viscosities = [&self.viscosity[0], &self.viscosity[channel]];
-            let viscous = straining.differential(at, [f, rate], viscosities);
-            let change = material.change(place, elastic, [at[0], f], &self.lame[channel]);
-            let mut pk1 = matadd(&change, &viscous);
-            material.remember_change(place, straining, [at, [f, rate]], &mut pk1);
-            return Ok(pk1);
-        }
-        let strained = material.strained(place, f);
-        if !L::everywhere(strained.j.exceeds(L::zero())) {
-            return Err(worst(member, strained.j));
-        }
-        let straining = Straining::new(f, rate, &self.viscosity[0]);
-        if self.channels > 1 {
-            self.differentials.truncate(member);
-            let elastic = StressDifferential::new(&strained, &self.lame[0]);
-            self.differentials.push((elastic, straining));
-        }
-        let elastic = material.stress(place, &strained, &self.lame[0]);
-        let mut pk1 = matadd(&elastic, &straining.piola_stress(f));
-        material.remember(place, &straining, f, &mut pk1);
-        Ok(pk1)
-    }
-
     /// Impulse of stress and of the laws' forces and a share of the momentum, for one channel of a block.
     #[inline(always)]
     fn give_impulse<const MATERIAL: bool>(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
@@ -292,11 +274,7 @@ impl<L: Lanes> Blocks<L> {
         let (scale, carried) = (-self.stress_scales[block], L::of(self.carried));
         self.nodes.fill(L::zero());
         for member in 0..members {
-            let mut pk1 = if MATERIAL {
-                self.material_stress(block, channel, member)?
-            } else {
-                self.stress(block, channel, member)?
-            };
+            let mut pk1 = self.stress::<MATERIAL>(block, channel, member)?;
             let mut at_particle = zero3();
             if let Some(extra) = &self.extra {
                 at_particle = extra.impulses[channel * members + member];

@@ -200,13 +200,7 @@ impl<T: Arithmetic> Straining<T> {
     /// Of a deformation gradient and its rate.
     #[inline(always)]
     pub fn new(f: &Mat3<T>, rate: &Mat3<T>, viscosity: &Lame<T>) -> Self {
-        let mut twice = *f;
-        for a in 0..3 {
-            for b in 0..3 {
-                twice[a][b] = columns_dot(f, a, rate, b);
-            }
-        }
-        symmetrise(&mut twice);
+        let twice = strain_rate_twice(f, rate);
         Self {
             stress: isotropic(&twice, viscosity),
             twice,
@@ -286,6 +280,19 @@ pub struct StrainingCotangent<T> {
     pub rate: Mat3<T>,
     /// With respect to μ' and λ'.
     pub viscosity: [T; 2],
+}
+
+/// Twice the rate of the Green strain, FᵀḞ + ḞᵀF.
+#[inline(always)]
+pub(super) fn strain_rate_twice<T: Arithmetic>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
+    let mut twice = *f;
+    for a in 0..3 {
+        for b in 0..3 {
+            twice[a][b] = columns_dot(f, a, rate, b);
+        }
+    }
+    symmetrise(&mut twice);
+    twice
 }
 
 /// M + Mᵀ.

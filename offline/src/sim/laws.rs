@@ -1,6 +1,7 @@
 //! The laws of a physics applied to a block of particles. A law knows one particle, so its lanes are
 //! taken out of their registers here and put back.
 
+use super::block_material::columns_times;
 use super::blocks::{Blocks, Body, Extra};
 use super::lanes::{Instructions, Laned, Lanes, MOST_LANES};
 use super::material::add_stress_laws;
@@ -64,7 +65,9 @@ impl Laws {
         let first_body = block * T::CHANNELS * self.members;
         let bodies = &blocks.bodies[first_body..first_body + T::CHANNELS * self.members];
         let Some(extra) = &mut blocks.extra else { return };
-        let material = blocks.material.as_ref();
+        // Only stresses ask for the shape at rest.
+        let stresses_act = !context.physics.stress_laws.is_empty();
+        let material = blocks.material.as_ref().filter(|_| stresses_act);
         let first = block * <T::Plain<I> as Lanes>::COUNT;
         for member in 0..self.members {
             let unpacked = Unpacked::<T::Base>::new::<T, I>(member, self.members, bodies, &blocks.rates);
@@ -155,17 +158,12 @@ impl<B: Real> Unpacked<B> {
         let mut f: Mat3<T> = self.matrix(lane, 0);
         let mut rate: Mat3<T> = self.matrix(lane, 9).map(|row| scaled(row, 1.0 / spacing_m));
         if let Some([_, inverse]) = rest {
-            for a in 0..3 {
-                f[a][0] = f[a][0] * inverse;
-                rate[a][0] = rate[a][0] * inverse;
-            }
+            f = columns_times(&f, 0..1, inverse);
+            rate = columns_times(&rate, 0..1, inverse);
         }
         add_stress_laws((&f, &rate), context.physics, &context.lame, det(&f), &mut sum);
         if let Some([stretch, _]) = rest {
-            for row in &mut sum {
-                row[1] = row[1] * stretch;
-                row[2] = row[2] * stretch;
-            }
+            sum = columns_times(&sum, 1..3, stretch);
         }
         sum
     }

@@ -15,13 +15,11 @@
 //! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
 //! material coordinates.
 
-use super::elastic::{Lame, energy_density, isotropic, piola_stress};
+use super::elastic::{Lame, energy_density, isotropic, piola_stress, strain_rate_twice};
 use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::tensor::{
-    Mat3, det, identity, matadd, matmul, matmul_transposed, mul, transpose, transpose_inverse, zero3,
-};
+use super::tensor::{Mat3, det, identity, matadd, matmul, matmul_transposed, mul, transpose_inverse, zero3};
 
 /// State of the material, particle by particle and slice by slice. Lists are empty where nothing needs
 /// them.
@@ -253,12 +251,6 @@ impl<T: Real> Material<T> {
 pub(super) fn remembered<T: Real>(delay_s: T, dt_s: f64) -> [T; 2] {
     let inverse = T::one() / (delay_s + T::of(dt_s));
     [delay_s * inverse, inverse.scale(dt_s)]
-}
-
-/// Twice the rate of the Green strain, FᵀḞ + ḞᵀF, 1/s.
-fn strain_rate_twice<T: Real>(f: &Mat3<T>, rate: &Mat3<T>) -> Mat3<T> {
-    let half = matmul(&transpose(f), rate);
-    std::array::from_fn(|a| std::array::from_fn(|b| half[a][b] + half[b][a]))
 }
 
 /// A = G⁻¹ of every particle for the curvatures of the shape laws.
