@@ -7,7 +7,7 @@ use offline::effects::{self, ALL, Slope};
 use offline::sim::clamp::ClampPath;
 use offline::sim::elastic::energy_density;
 use offline::sim::material::Material;
-use offline::sim::physics::{ForcePoint, Mouth, StressPoint};
+use offline::sim::physics::{ForcePoint, Mouth};
 use offline::sim::rollout::simulate_one_by_one;
 use offline::sim::rope::{RopeLayout, Sampling};
 use offline::sim::scene::{Scene, StepLength, Table};
@@ -202,11 +202,11 @@ fn random_state(rng: &mut ChaCha8Rng) -> State {
     State { velocity, f, l }
 }
 
-fn turned(state: &State, turn: &Matrix3<f64>, spin: &Matrix3<f64>) -> State {
+fn turned(state: &State, turn: &Matrix3<f64>) -> State {
     State {
         velocity: turn * state.velocity,
         f: turn * state.f,
-        l: turn * state.l * turn.transpose() + spin,
+        l: turn * state.l * turn.transpose(),
     }
 }
 
@@ -226,22 +226,7 @@ fn force_n(physics: &Physics<f64>, state: &State) -> Vector3<f64> {
         .sum()
 }
 
-fn kirchhoff_pa(physics: &Physics<f64>, state: &State) -> Matrix3<f64> {
-    let (f, l) = (rows(&state.f), rows(&state.l));
-    let point = StressPoint {
-        deformation_gradient: &f,
-        velocity_gradient: &l,
-        volume_ratio: state.f.determinant(),
-        lame: &physics.lame(),
-    };
-    physics
-        .stress_laws
-        .iter()
-        .map(|law| matrix(&law.kirchhoff_pa(&point)))
-        .sum()
-}
-
-/// Turning the state turns force and stress, and a rigid spin on top adds no stress.
+/// Turning the state turns forces and plastic flow. Stresses: see the turned rope below.
 #[test]
 fn laws_turn_with_the_rope() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
@@ -250,12 +235,8 @@ fn laws_turn_with_the_rope() {
         for _ in 0..50 {
             let physics = with_effect(effect, &values_off(effect, 5.0, &mut rng));
             let state = random_state(&mut rng);
-            let (turn, spin) = random_turn(&mut rng);
-            let there = turned(&state, &turn, &spin);
-            let stress = kirchhoff_pa(&physics, &state);
-            let expected = turn * stress * turn.transpose();
-            let error = (kirchhoff_pa(&physics, &there) - expected).norm();
-            assert!(error <= 1e-12 * stress.norm(), "{id}: {error:.2e} Pa");
+            let (turn, _) = random_turn(&mut rng);
+            let there = turned(&state, &turn);
             for law in &physics.flow_laws {
                 let relaxed = |state: &State| law.relaxation(&rows(&state.f)).map(|m| matrix(&m));
                 let difference = relaxed(&there).unwrap_or_default() - relaxed(&state).unwrap_or_default();
@@ -339,12 +320,12 @@ impl StrainedRope {
         let (material, lame) = (self.material(physics), physics.lame());
         let motion = |index| (&self.gradients[index], &self.rates[index]);
         (0..self.gradients.len())
-            .map(|index| matrix(&material.piola(index, motion(index), physics, &lame).0))
+            .map(|index| matrix(&material.piola(index, motion(index).0, physics, &lame).0))
             .collect()
     }
 }
 
-/// P V = ∂W/∂F for the whole rope: elasticity, stress laws, stress-free shape and bending together.
+/// P V = ∂W/∂F for the whole rope: elasticity, axial laws, stress-free shape and bending together.
 /// Plastic flow has no energy of its own.
 #[test]
 fn stress_is_the_slope_of_the_stored_energy() {
@@ -416,7 +397,6 @@ fn dissipative_laws_take_power_in_every_state() {
             let state = random_state(&mut rng);
             let power_w = force_n(&physics, &state).dot(&state.velocity);
             let rate = 0.5 * (state.l + state.l.transpose());
-            let dissipated = kirchhoff_pa(&physics, &state).dot(&rate);
             let mut released = 0.0;
             for law in &physics.memory_laws {
                 let viscosity = law.viscosity(&physics.lame());
@@ -428,8 +408,8 @@ fn dissipative_laws_take_power_in_every_state() {
                 let relaxed = law.relaxation(&f).map_or(f, |relaxed| matmul(&f, &relaxed));
                 released += energy_density(&f, &lame) - energy_density(&relaxed, &lame);
             }
-            assert!(power_w <= 0.0 && dissipated >= 0.0 && released >= 0.0, "{id}");
-            let acts = power_w < 0.0 || dissipated > 0.0 || released > 0.0;
+            assert!(power_w <= 0.0 && released >= 0.0, "{id}");
+            let acts = power_w < 0.0 || released > 0.0;
             assert!(acts, "{id} must do something");
         }
     }

@@ -1,12 +1,12 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::{WHITE_FLOORS, excess_mm};
-use super::gates::{Gate, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
+    Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from, flows,
     grid_errors,
 };
 use crate::model::{Estimate, Structure};
@@ -58,8 +58,13 @@ pub(super) const REFIT_EVALUATIONS: usize = 24;
 const HEAT_EVALUATIONS: usize = 8;
 /// Cost over the least of its rivals at which a refit is given up.
 const HOPELESS: f64 = 2.0;
-/// Most effects that a round refits.
-const MOST_REFITS: usize = 6;
+/// Evaluations after which only [`GO_ON`] of the effects with lesser scores go on.
+const SPRINT_EVALUATIONS: usize = 3;
+/// How many of them go on: those of least cost.
+const GO_ON: usize = 3;
+/// Share of the excess over noise and discretisation error from which on an effect needs no further rivals: those
+/// that look like it to first order are refitted beside it anyway.
+const ALMOST_ALL: f64 = 0.95;
 /// An effect whose score is below this share of the best is not refitted: it cannot be the whole cause, and a
 /// later round, without the whole cause in the residual, sees it better.
 const LEAST_SHARE: f64 = 0.1;
@@ -138,8 +143,8 @@ fn choose(
     Ok((refits, winner, tied))
 }
 
-/// Refits the leading effects, a batch at a time, until one that passes leaves nothing more to explain. The score
-/// holds to first order only: where the base model is far off, the cause may well be third or fourth.
+/// Refits the leading effects and, unless one that passes leaves next to nothing to explain, all others that are worth
+/// it. The score holds to first order only: where the base model is far off, the cause may well be tenth.
 fn refit_leading(
     bench: &Bench,
     structure: &Structure,
@@ -153,22 +158,20 @@ fn refit_leading(
     if first.is_empty() {
         progress("refitting with nothing: no effect is significant");
     }
-    let room = MOST_REFITS.saturating_sub(first.len()).min(others.len());
     let mut tried: Vec<Tried> = Vec::new();
-    for batch in std::iter::once(&first[..]).chain(others[..room].chunks(options.refits)) {
+    for (batch, go_on) in [(&first, first.len()), (&others, GO_ON)] {
         let explained = |(refit, _, fit): &Tried| {
+            let numerical_mm = table.discretisation_mm;
             refit.passed
                 && (refit.fit.floors <= WHITE_FLOORS
-                    || excess_mm(fit, bench.doubt(fit)) <= table.discretisation_mm)
+                    || excess_mm(fit, bench.doubt(fit)) <= numerical_mm
+                    || excess_removed(&now, &refit.fit, numerical_mm) >= ALMOST_ALL)
         };
         if batch.is_empty() || tried.iter().any(explained) {
             break;
         }
         progress(&format!("refitting with {}", names(batch).join(", ")));
-        let heats: Vec<(&Score, FitResult)> = batch
-            .par_iter()
-            .filter_map(|score| Some((*score, heat(bench, structure, fitted, score).ok()?)))
-            .collect();
+        let heats = heats(bench, structure, fitted, batch, go_on);
         let costs = heats
             .iter()
             .map(|h| h.1.cost)
@@ -187,18 +190,18 @@ fn refit_leading(
 }
 
 /// Effects worth a full refit. First the best `count`, the whole family of the best, because only refits can
-/// tell its members apart, and whatever the other scores hold to be free; then the others, best first.
+/// tell its members apart, and whatever the other scores hold to be free; then the others, best first. What flows is
+/// never among the best: its refit takes ten times as long, and its score, a secant's, says the least.
 fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
     let best = table.scores.first().map_or(0.0, |s| s.statistic);
     let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
     let nuisance = |s: &Score| effects::ALL[s.effect].nuisance;
     let all: Vec<&Score> = table.scores.iter().filter(worth).collect();
-    let ranked: Vec<&Score> = all.iter().copied().filter(|s| !nuisance(s)).collect();
+    let ranked = all.iter().copied().filter(|s| !(nuisance(s) || flows(s.effect)));
+    let ranked: Vec<&Score> = ranked.collect();
     let family: &[String] = ranked.first().map_or(&[], |best| &best.family);
-    let early = |s: &&Score| {
-        let place = ranked.iter().position(|r| r.id == s.id);
-        place.is_none_or(|place| place < count) || family.contains(&s.id)
-    };
+    let early =
+        |s: &&Score| nuisance(s) || family.contains(&s.id) || ranked.iter().take(count).any(|r| r.id == s.id);
     all.into_iter().partition(early)
 }
 
@@ -277,12 +280,44 @@ fn told(fitted: &FitResult, structure: &Structure) -> Vec<f64> {
         .collect()
 }
 
-/// The first evaluations of a refit, from the one-step estimate.
-fn heat(
+/// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them.
+fn heats<'a>(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    batch: &[&'a Score],
+    go_on: usize,
+) -> Vec<(&'a Score, FitResult)> {
+    let sprint = if batch.len() > go_on {
+        SPRINT_EVALUATIONS
+    } else {
+        HEAT_EVALUATIONS
+    };
+    let mut runners: Vec<(&Score, FitResult)> = batch
+        .par_iter()
+        .filter_map(|score| Some((*score, started(bench, structure, fitted, score, sprint).ok()?)))
+        .collect();
+    if batch.len() <= go_on {
+        return runners;
+    }
+    runners.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    let behind = runners.split_off(go_on.min(runners.len()));
+    let more = HEAT_EVALUATIONS - SPRINT_EVALUATIONS;
+    let ahead = runners
+        .into_par_iter()
+        .map(|(score, fit)| (score, further(bench, &structure.with(score.effect), fit, more)));
+    let mut heats: Vec<(&Score, FitResult)> = ahead.collect();
+    heats.extend(behind);
+    heats
+}
+
+/// The very first evaluations of a refit, from the one-step estimate.
+fn started(
     bench: &Bench,
     structure: &Structure,
     fitted: &FitResult,
     score: &Score,
+    evaluations: usize,
 ) -> Result<FitResult, FitError> {
     let spec = &effects::ALL[score.effect];
     let mut theta = told(fitted, structure);
@@ -290,20 +325,23 @@ fn heat(
         // A one-step estimate can overshoot; half the physical range is a safe start.
         theta.push((p.vanishes_at + e).clamp(0.5 * (p.low + p.vanishes_at), 0.5 * (p.high + p.vanishes_at)));
     }
-    fit_from(&bench.fit, &structure.with(score.effect), theta, HEAT_EVALUATIONS)
+    fit_from(&bench.fit, &structure.with(score.effect), theta, evaluations)
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
 fn to_the_end(bench: &Bench, structure: &Structure, fit: FitResult, least: f64) -> FitResult {
-    if fit.stop != StopReason::BudgetSpent || fit.cost > HOPELESS * least {
+    if fit.cost > HOPELESS * least {
         return fit;
     }
-    descend(
-        &bench.fit,
-        structure,
-        fit.best,
-        REFIT_EVALUATIONS - HEAT_EVALUATIONS,
-    )
+    further(bench, structure, fit, REFIT_EVALUATIONS - HEAT_EVALUATIONS)
+}
+
+/// More evaluations for a fit that could not end with those that it had.
+fn further(bench: &Bench, structure: &Structure, fit: FitResult, evaluations: usize) -> FitResult {
+    if fit.stop != StopReason::BudgetSpent {
+        return fit;
+    }
+    descend(&bench.fit, structure, fit.best, evaluations)
 }
 
 /// What became of a refit.
@@ -390,13 +428,14 @@ mod tests {
     fn whatever_scores_a_tenth_of_the_best_gets_its_refit_the_best_and_its_family_first() {
         let table = ScoreTable {
             scores: vec![
+                score("yield", 2300.0, 25.0, &[]),
                 score("air_drag", 2263.0, 81.0, &["density_gradient"]),
                 score("table_friction", 2254.0, 99.0, &[]),
                 score("tip_mass", 1758.0, 106.0, &[]),
                 score("density_gradient", 1453.0, 59.0, &[]),
                 score("camera_offset", 800.0, 35.0, &[]),
                 score("internal_damping", 795.0, 900.0, &[]),
-                score("yield", 31.0, 25.0, &[]),
+                score("bending_ratio", 31.0, 25.0, &[]),
             ],
             discretisation_mm: 0.0,
             untested: Vec::new(),
@@ -406,6 +445,6 @@ mod tests {
             names(&first),
             ["air_drag", "table_friction", "density_gradient", "camera_offset"]
         );
-        assert_eq!(names(&others), ["tip_mass"]);
+        assert_eq!(names(&others), ["yield", "tip_mass"]);
     }
 }

@@ -20,8 +20,8 @@
 //!
 //! | an effect that changes | appends to | gives |
 //! |---|---|---|
-//! | a force on the rope | `force_laws` | N per particle, from place, velocity, tangent |
-//! | the stress by strain and its rate | `stress_laws` | Kirchhoff stress, and its energy where there is one |
+//! | a force on the rope | `force_laws` | N on a piece of rope, from place, velocity, tangent |
+//! | the stress along the axis | `axial_laws` | coefficient of the cube of the strain |
 //! | the stress by the history of strain | `memory_laws` | a tensor per particle that it moves on by itself |
 //! | the shape at rest | `shape_laws` | natural curvature along the rope |
 //! | the shape for good | `flow_laws` | the factor that brings the elastic strain back |

@@ -126,7 +126,7 @@ fn changes_material(effect: usize) -> bool {
 }
 
 /// Whether an effect changes the shape at rest for good.
-pub(super) fn flows(effect: usize) -> bool {
+pub fn flows(effect: usize) -> bool {
     !alone(effect).flow_laws.is_empty()
 }
 

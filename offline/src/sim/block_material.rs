@@ -3,12 +3,12 @@
 //!
 //! A = diag(a, 1, 1) and det(A)⁻¹ = 1/a, so that P_e Aᵀ/a has the first column of P_e, and the others over a.
 
+use super::axial::{Stretched, add_column, axis};
 use super::blocks::Body;
 use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, times};
 use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::material::{Material, remembered};
 use super::physics::MemoryLaw;
-use super::real::Arithmetic;
 use super::step::StepContext;
 use super::tensor::{Mat3, matadd, zero3};
 use std::ops::Range;
@@ -34,6 +34,14 @@ struct Element<L> {
     memories: Vec<Mat3<L>>,
     /// The values before the step at hand, by member.
     before: Vec<Mat3<L>>,
+}
+
+/// The stress along the axis besides elasticity.
+struct Stiffening<L> {
+    /// k by channel, Pa.
+    cubic_pa: Vec<L>,
+    /// What channel 0 keeps for the others, by member.
+    stretched: Vec<Stretched<L>>,
 }
 
 impl<L: Lanes> Element<L> {
@@ -84,6 +92,7 @@ pub struct BlockMaterial<L> {
     /// c by block and channel; empty where no law changes it.
     bending: Vec<L>,
     elements: Vec<Element<L>>,
+    stiffening: Option<Stiffening<L>>,
     /// (1 − c) P(F̄) by channel, Pa.
     common_pa: Vec<Mat3<L>>,
     /// P(F̄), Pa, and its differential.
@@ -101,7 +110,8 @@ impl<L: Lanes> BlockMaterial<L> {
         spacing_m: f64,
     ) -> Option<Self> {
         let physics = context.physics;
-        if !physics.changes_material() {
+        let cubic_pa = physics.cubic_pa(&context.lame);
+        if !physics.changes_material() && cubic_pa.is_none() {
             return None;
         }
         let channels = T::CHANNELS;
@@ -133,31 +143,14 @@ impl<L: Lanes> BlockMaterial<L> {
             elements: elements
                 .map(|law| Element::new::<T, I>(&**law, context, [blocks, members], spacing_m))
                 .collect(),
+            stiffening: cubic_pa.map(|k| Stiffening {
+                cubic_pa: self::channels::<T, I>(k),
+                stretched: vec![Stretched::new([L::one(), L::zero(), L::zero()]); members],
+            }),
             common_pa: vec![[zero3(); 3]; channels],
             mean: None,
             stresses: vec![[zero3(); 3]; members],
         })
-    }
-
-    /// Stretch at rest along the rope in a lane of a member, and one over it; none where the rope is straight at rest.
-    pub fn stretch_at_rest<T: Laned<Base = L::Scalar>>(
-        &self,
-        block: usize,
-        member: usize,
-        lane: usize,
-    ) -> Option<[T; 2]> {
-        let at = |channel| {
-            self.rest.get(self.at(Place {
-                block,
-                channel,
-                member,
-            }))
-        };
-        at(0)?;
-        Some([
-            T::from_channels(|k| at(k).map_or(T::base(0.0), |rest| rest.stretch.lane(lane))),
-            T::from_channels(|k| at(k).map_or(T::base(0.0), |rest| rest.inverse.lane(lane))),
-        ])
     }
 
     #[inline(always)]
@@ -296,6 +289,28 @@ impl<L: Lanes> BlockMaterial<L> {
         matadd(&change, &common)
     }
 
+    /// Adds the stress along the axis of a member in channel 0.
+    #[inline(always)]
+    pub fn stiffen(&mut self, place: Place, f: &Mat3<L>, pk1: &mut Mat3<L>) {
+        let elastic = axis(&self.elastic(place, f, f));
+        if let Some(stiffening) = &mut self.stiffening {
+            // P_e Aᵀ/a has the first column of P_e.
+            let stretched = Stretched::new(elastic);
+            add_column(pk1, stretched.column(stiffening.cubic_pa[0]));
+            stiffening.stretched[place.member] = stretched;
+        }
+    }
+
+    /// The same in another channel, after channel 0; a deformation gradient with its differential.
+    #[inline(always)]
+    pub fn change_of_stiffening(&self, place: Place, [f, df]: [&Mat3<L>; 2], pk1: &mut Mat3<L>) {
+        if let Some(stiffening) = &self.stiffening {
+            let change = axis(&self.elastic(place, df, f));
+            let cubic_pa = [stiffening.cubic_pa[0], stiffening.cubic_pa[place.channel]];
+            add_column(pk1, stiffening.stretched[place.member].change(change, cubic_pa));
+        }
+    }
+
     /// Lets a member remember its rate of strain, and adds the stress that follows it, in channel 0.
     #[inline(always)]
     pub fn remember(&mut self, place: Place, straining: &Straining<L>, f: &Mat3<L>, pk1: &mut Mat3<L>) {
@@ -348,7 +363,7 @@ fn product<L: Lanes>(m: &Mat3<L>, c: L) -> Mat3<L> {
 
 /// M with some of its columns times c.
 #[inline(always)]
-pub fn columns_times<T: Arithmetic>(m: &Mat3<T>, columns: Range<usize>, c: T) -> Mat3<T> {
+fn columns_times<L: Lanes>(m: &Mat3<L>, columns: Range<usize>, c: L) -> Mat3<L> {
     let mut product = *m;
     for row in &mut product {
         for x in &mut row[columns.clone()] {

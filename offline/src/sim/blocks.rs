@@ -27,6 +27,29 @@ pub struct Body<L> {
     pub mass_kg: L,
 }
 
+/// Means over the members of a block's slices, in one channel: position, velocity, F e_s, mass.
+pub type Means<L> = [L; MEANS];
+/// Numbers of such means.
+pub const MEANS: usize = 10;
+
+/// Means over the members of a block's slices.
+#[inline(always)]
+pub fn means_of<L: Lanes>(bodies: &[Body<L>]) -> Means<L> {
+    let mut means = [L::zero(); MEANS];
+    for body in bodies {
+        for a in 0..3 {
+            means[a] += body.position_m[a];
+            means[3 + a] += body.velocity_m_s[a];
+            means[6 + a] += body.deformation_gradient[a][0];
+        }
+        means[9] += body.mass_kg;
+    }
+    for mean in &mut means {
+        *mean = mean.scale(1.0 / bodies.len() as f64);
+    }
+    means
+}
+
 /// A grip's share in a block.
 pub struct Held<L> {
     /// The block.
@@ -48,14 +71,6 @@ pub struct GripMotion<L> {
     pub rotation: Mat3<L>,
 }
 
-/// What laws add to the members of a block, by channel, then member.
-pub struct Extra<L> {
-    /// Force times time step, N s.
-    pub impulses: Vec<Vec3<L>>,
-    /// First Piola-Kirchhoff stress, Pa.
-    pub stresses: Vec<Mat3<L>>,
-}
-
 /// The particles in registers, and the nodes' sums.
 pub struct Blocks<L: Lanes> {
     /// How particles and nodes meet.
@@ -66,8 +81,10 @@ pub struct Blocks<L: Lanes> {
     pub bodies: Vec<Body<L>>,
     /// By channel, member: dx Ḟ of the block that was moved last.
     pub rates: Vec<Mat3<L>>,
-    /// What the laws add in that block.
-    pub extra: Option<Extra<L>>,
+    /// Force of the laws on each member in that block times the time step, N s, by channel; empty where there is none.
+    pub pushed: Vec<Vec3<L>>,
+    /// What the laws know of that block, by channel.
+    pub means: Vec<Means<L>>,
     /// What laws make of the material.
     pub material: Option<BlockMaterial<L>>,
     /// Shares of grips.
@@ -148,6 +165,11 @@ impl<L: Lanes> Blocks<L> {
                 for channel in 0..self.channels {
                     self.move_bodies(block, channel);
                 }
+                for channel in 0..self.means.len() {
+                    let first = self.first(block, channel);
+                    let bodies = &self.bodies[first..first + self.transfer.members.len()];
+                    self.means[channel] = means_of(bodies);
+                }
             }
             Part::Give(block) => {
                 for channel in 0..self.channels {
@@ -225,6 +247,7 @@ impl<L: Lanes> Blocks<L> {
             };
             let mut pk1 = matadd(&change, &viscous);
             if let Some(material) = &mut material {
+                material.change_of_stiffening(place, [at[0], f], &mut pk1);
                 material.remember_change(place, straining, [at, [f, rate]], &mut pk1);
             }
             return Ok(pk1);
@@ -248,6 +271,7 @@ impl<L: Lanes> Blocks<L> {
         };
         let mut pk1 = matadd(&elastic, &straining.piola_stress(f));
         if let Some(material) = &mut material {
+            material.stiffen(place, f, &mut pk1);
             material.remember(place, &straining, f, &mut pk1);
         }
         Ok(pk1)
@@ -274,13 +298,8 @@ impl<L: Lanes> Blocks<L> {
         let (scale, carried) = (-self.stress_scales[block], L::of(self.carried));
         self.nodes.fill(L::zero());
         for member in 0..members {
-            let mut pk1 = self.stress::<MATERIAL>(block, channel, member)?;
-            let mut at_particle = zero3();
-            if let Some(extra) = &self.extra {
-                at_particle = extra.impulses[channel * members + member];
-                let stress = &extra.stresses[channel * members + member];
-                pk1 = matadd(&pk1, stress);
-            }
+            let pk1 = self.stress::<MATERIAL>(block, channel, member)?;
+            let mut at_particle = self.pushed.get(channel).copied().unwrap_or(zero3());
             let value = &self.bodies[self.first(block, 0) + member];
             let body = &self.bodies[self.first(block, channel) + member];
             let (rate, rate_value) = (&self.rates[channel * members + member], &self.rates[member]);

@@ -15,11 +15,12 @@
 //! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
 //! material coordinates.
 
+use super::axial;
 use super::elastic::{Lame, energy_density, isotropic, piola_stress, strain_rate_twice};
-use super::physics::{BendingPoint, Mouth, Physics, StressPoint};
+use super::physics::{BendingPoint, Mouth, Physics};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::tensor::{Mat3, det, identity, matadd, matmul, matmul_transposed, mul, transpose_inverse, zero3};
+use super::tensor::{Mat3, det, identity, matadd, matmul, matmul_transposed, mul, zero3};
 
 /// State of the material, particle by particle and slice by slice. Lists are empty where nothing needs
 /// them.
@@ -174,21 +175,14 @@ impl<T: Real> Material<T> {
         sum.map(|row| row.map(|x| x.scale(1.0 / self.section as f64)))
     }
 
-    /// First Piola-Kirchhoff stress of a particle in motion, and the determinant of its elastic part.
+    /// First Piola-Kirchhoff stress of a particle, and the determinant of its elastic part.
     #[inline(always)]
-    pub fn piola(
-        &self,
-        index: usize,
-        (f, rate): Motion<T>,
-        physics: &Physics<T>,
-        lame: &Lame<T>,
-    ) -> (Mat3<T>, T) {
+    pub fn piola(&self, index: usize, f: &Mat3<T>, physics: &Physics<T>, lame: &Lame<T>) -> (Mat3<T>, T) {
         let bending = self.bending.get(index / self.section);
         let (mut pk1, j) = match self.natural_inverse.get(index) {
-            None => elastic_piola((f, rate), bending, physics, lame),
+            None => elastic_piola(f, bending, physics, lame),
             Some(a) => {
-                let elastic = (&matmul(f, a), &matmul(rate, a));
-                let (stress, j) = elastic_piola(elastic, bending, physics, lame);
+                let (stress, j) = elastic_piola(&matmul(f, a), bending, physics, lame);
                 let volume = T::one() / det(a);
                 (matmul_transposed(&stress, a).map(|row| mul(row, volume)), j)
             }
@@ -207,8 +201,8 @@ impl<T: Real> Material<T> {
         (pk1, j)
     }
 
-    /// Stored energy of the rope, J: elasticity with its slices' bending stiffness, and the energies of
-    /// stress laws. `gradients` are the particles' deformation gradients, `volume_m3` their volumes.
+    /// Stored energy of the rope, J: elasticity with its slices' bending stiffness, and that of the
+    /// axial laws. `gradients` are the particles' deformation gradients, `volume_m3` their volumes.
     pub fn energy_j<'a>(
         &self,
         physics: &Physics<T>,
@@ -223,14 +217,8 @@ impl<T: Real> Material<T> {
             if let Some(&c) = self.bending.get(index / self.section) {
                 density = density * c;
             }
-            let point = StressPoint {
-                deformation_gradient: &elastic,
-                velocity_gradient: &[zero3(); 3],
-                volume_ratio: det(&elastic),
-                lame: &lame,
-            };
-            for law in &physics.stress_laws {
-                density += law.energy_j_m3(&point).unwrap_or(T::zero());
+            if let Some(cubic_pa) = physics.cubic_pa(&lame) {
+                density += axial::energy_j_m3(axial::axis(&elastic), cubic_pa);
             }
             if let Some(a) = self.natural_inverse.get(index) {
                 density = density / det(a);
@@ -270,10 +258,10 @@ fn natural_inverse<T: Real>(physics: &Physics<T>, layout: &RopeLayout) -> Vec<Ma
         .collect()
 }
 
-/// Elasticity, times the bending stiffness, and the stress laws: c P + τ F⁻ᵀ, and det F.
+/// Elasticity, times the bending stiffness, and the stress along the axis: c P + P_a, and det F.
 #[inline(always)]
 fn elastic_piola<T: Real>(
-    (f, rate): Motion<T>,
+    f: &Mat3<T>,
     bending: Option<&T>,
     physics: &Physics<T>,
     lame: &Lame<T>,
@@ -282,30 +270,8 @@ fn elastic_piola<T: Real>(
     if let Some(&c) = bending {
         pk1 = pk1.map(|row| mul(row, c));
     }
-    if !physics.stress_laws.is_empty() {
-        add_stress_laws((f, rate), physics, lame, j, &mut pk1);
+    if let Some(cubic_pa) = physics.cubic_pa(lame) {
+        axial::add_column(&mut pk1, axial::piola_column(axial::axis(f), cubic_pa));
     }
     (pk1, j)
-}
-
-/// Adds the Kirchhoff stresses τ of the laws as P = τ F⁻ᵀ.
-pub(super) fn add_stress_laws<T: Real>(
-    (f, rate): Motion<T>,
-    physics: &Physics<T>,
-    lame: &Lame<T>,
-    j: T,
-    pk1: &mut Mat3<T>,
-) {
-    let inverse_transposed = transpose_inverse(f);
-    // L = Ḟ F⁻¹.
-    let velocity_gradient = matmul_transposed(rate, &inverse_transposed);
-    for law in &physics.stress_laws {
-        let kirchhoff = law.kirchhoff_pa(&StressPoint {
-            deformation_gradient: f,
-            velocity_gradient: &velocity_gradient,
-            volume_ratio: j,
-            lame,
-        });
-        *pk1 = matadd(pk1, &matmul(&kirchhoff, &inverse_transposed));
-    }
 }

@@ -92,6 +92,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 pub mod adjoint;
+pub mod axial;
 pub mod band;
 mod block_material;
 mod blocks;

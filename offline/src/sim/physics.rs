@@ -5,7 +5,7 @@ use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::Real;
 use super::rope::{RopeLayout, RopeShape};
-use super::tensor::{Mat3, Vec3, add, dot, mul, zero3};
+use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, zero3};
 
 /// Standard acceleration of free fall, m/s² (CGPM 1901, rounded).
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -16,18 +16,6 @@ pub const LOSS: f64 = 0.2;
 
 /// A pose as seven numbers: position (m) and quaternion (x, y, z, w).
 pub type Pose<T> = [T; 7];
-
-/// State of a particle that a stress law may use.
-pub struct StressPoint<'a, T> {
-    /// Deformation gradient.
-    pub deformation_gradient: &'a Mat3<T>,
-    /// Velocity gradient, 1/s.
-    pub velocity_gradient: &'a Mat3<T>,
-    /// Its determinant J.
-    pub volume_ratio: T,
-    /// Elastic moduli.
-    pub lame: &'a Lame<T>,
-}
 
 /// What a bending law may know of the rope.
 pub struct BendingPoint<'a, T> {
@@ -48,7 +36,8 @@ pub struct Mouth {
     pub outwards: f64,
 }
 
-/// State of a particle that a force law may use.
+/// State of a piece of rope that a force law may use: the mean over the particles of a slice. Such laws know the
+/// slender rope, not the places in its section.
 pub struct ForcePoint<T> {
     /// Position, m.
     pub position_m: Vec3<T>,
@@ -56,34 +45,67 @@ pub struct ForcePoint<T> {
     pub velocity_m_s: Vec3<T>,
     /// Unit tangent of the deformed rope.
     pub tangent: Vec3<T>,
-    /// Length of rope that this particle stands for, m.
+    /// Length of the piece, m.
     pub length_m: f64,
     /// Diameter of the rope, m.
     pub diameter_m: f64,
-    /// Mass of the particle, kg.
+    /// Mass of the piece, kg.
+    pub mass_kg: T,
+}
+
+/// What a particle brings to the state of its slice.
+#[derive(Clone, Copy)]
+pub struct SliceMember<T> {
+    /// Position, m.
+    pub position_m: Vec3<T>,
+    /// Velocity, m/s.
+    pub velocity_m_s: Vec3<T>,
+    /// First column of the deformation gradient.
+    pub axis: Vec3<T>,
+    /// Mass, kg.
     pub mass_kg: T,
 }
 
 impl<T: Real> ForcePoint<T> {
-    /// Unit tangent of the rope where it has a deformation gradient.
-    pub fn tangent(f: &Mat3<T>) -> Vec3<T> {
-        let axis = [f[0][0], f[1][0], f[2][0]];
-        mul(axis, T::one() / dot(axis, axis).sqrt())
+    /// One particle's share of a slice, `length_m` long, with the slice's mean motion.
+    pub fn share_of(
+        members: impl ExactSizeIterator<Item = SliceMember<T>>,
+        length_m: f64,
+        diameter_m: f64,
+    ) -> Self {
+        let share = 1.0 / members.len() as f64;
+        let nothing = SliceMember {
+            position_m: zero3(),
+            velocity_m_s: zero3(),
+            axis: zero3(),
+            mass_kg: T::zero(),
+        };
+        let sum = members.fold(nothing, |sum, member| SliceMember {
+            position_m: add(sum.position_m, member.position_m),
+            velocity_m_s: add(sum.velocity_m_s, member.velocity_m_s),
+            axis: add(sum.axis, member.axis),
+            mass_kg: sum.mass_kg + member.mass_kg,
+        });
+        Self {
+            position_m: scaled(sum.position_m, share),
+            velocity_m_s: scaled(sum.velocity_m_s, share),
+            tangent: direction(sum.axis),
+            length_m,
+            diameter_m,
+            mass_kg: sum.mass_kg.scale(share),
+        }
     }
 }
 
-/// A stress besides elasticity.
-pub trait StressLaw<T: Real>: Send + Sync {
-    /// Additional Kirchhoff stress, Pa.
-    fn kirchhoff_pa(&self, point: &StressPoint<T>) -> Mat3<T>;
-    /// Energy density of which the stress is the derivative, J/m³; none where there is none.
-    fn energy_j_m3(&self, _point: &StressPoint<T>) -> Option<T> {
-        None
-    }
-    /// Modulus that it adds to the elastic one at large strain, Pa: stiffness bounds the time step.
-    fn modulus_pa(&self, _lame: &Lame<T>) -> T {
-        T::zero()
-    }
+/// v/|v|.
+pub(super) fn direction<T: Real>(v: Vec3<T>) -> Vec3<T> {
+    mul(v, T::one() / dot(v, v).sqrt())
+}
+
+/// A stress along the rope's axis that grows with the cube of the strain: see [`super::axial`].
+pub trait AxialLaw<T: Real>: Send + Sync {
+    /// Its coefficient k, Pa.
+    fn cubic_pa(&self, lame: &Lame<T>) -> T;
 }
 
 /// A stress that follows the rate of strain with a delay: S = 2 μ' E' + λ' tr(E') I, where E' follows the rate of
@@ -136,7 +158,7 @@ pub trait FlowLaw<T: Real>: Send + Sync {
 
 /// A force on the rope besides weight and contact.
 pub trait ForceLaw<T: Real>: Send + Sync {
-    /// Force on one particle, N.
+    /// Force on a piece of rope, N, in proportion to its length and mass.
     fn force_n(&self, point: &ForcePoint<T>) -> Vec3<T>;
 }
 
@@ -196,8 +218,8 @@ pub struct Physics<T> {
     /// Retardation time of the material over the time that a pressure wave takes across the rope. It
     /// damps every rope alike, whatever its stiffness and its grid, and hardly what cameras see.
     pub loss: f64,
-    /// Stresses besides elasticity.
-    pub stress_laws: Vec<Box<dyn StressLaw<T>>>,
+    /// Stresses along the axis besides elasticity.
+    pub axial_laws: Vec<Box<dyn AxialLaw<T>>>,
     /// Stresses with a memory.
     pub memory_laws: Vec<Box<dyn MemoryLaw<T>>>,
     /// Forces besides weight and contact.
@@ -230,7 +252,7 @@ impl<T: Real> Physics<T> {
             friction,
             release_delay_s: T::zero(),
             loss: LOSS,
-            stress_laws: Vec::new(),
+            axial_laws: Vec::new(),
             memory_laws: Vec::new(),
             force_laws: Vec::new(),
             mass_laws: Vec::new(),
@@ -282,6 +304,12 @@ impl<T: Real> Physics<T> {
     pub fn force_n(&self, point: &ForcePoint<T>) -> Vec3<T> {
         let laws = self.force_laws.iter();
         laws.fold(zero3(), |sum, law| add(sum, law.force_n(point)))
+    }
+
+    /// Sum of the axial laws' coefficients, Pa; none where there is no law.
+    pub fn cubic_pa(&self, lame: &Lame<T>) -> Option<T> {
+        let coefficients = self.axial_laws.iter().map(|law| law.cubic_pa(lame));
+        coefficients.reduce(|sum, k| sum + k)
     }
 
     /// Elastic moduli.

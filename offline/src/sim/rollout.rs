@@ -1,5 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
+use super::axial::modulus_pa;
 use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
@@ -391,8 +392,7 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
             lambda: modulus_pa,
         })
     };
-    let stress_laws = physics.stress_laws.iter();
-    let stiffening = stress_laws.fold(T::zero(), |sum, law| sum + law.modulus_pa(&lame));
+    let stiffening = physics.cubic_pa(&lame).map_or(T::zero(), modulus_pa);
     let elastic = fastest_pa(&lame) * stiffest_bending(scene, physics) + stiff(stiffening);
     let lightness = lightness(scene, physics);
     let memory_laws = || physics.memory_laws.iter();

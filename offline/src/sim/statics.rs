@@ -4,19 +4,20 @@
 //! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
 //! one in which the forces at the nodes vanish: stress, weight, laws, clamps. That system is solved
 //! directly; a damped rollout to the same state takes some thousand times as many operations. The
-//! tangent matrix is that of the elastic rope in its stress-free shape, without stress laws. Numbers with
+//! tangent matrix is that of the elastic rope in its stress-free shape, without axial laws. Numbers with
 //! tangents go through the same iteration, so that what comes out carries the exact derivatives of the rest state.
 //!
 //! It takes double precision: nodes at the rope's surface are held by so little of it that single
 //! precision loses them.
 
+use super::axial::axis;
 use super::band::{Band, Factor};
 use super::curve::Curve;
 use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::material::Material;
-use super::physics::{ForcePoint, Physics};
+use super::physics::{ForcePoint, Physics, SliceMember};
 use super::real::Real;
 use super::rollout::{grip_motions, masses_kg, mouths};
 use super::rope::RopeLayout;
@@ -292,12 +293,17 @@ impl<'a, T: Real> Statics<'a, T> {
             .collect();
         let mut material = self.material.clone();
         material.rest(self.physics, |p| &particles[p].1);
+        let section = self.layout.section_m.len();
+        let mut pushed = zero3();
         for (p, link) in self.grid.links.iter().enumerate() {
+            if p % section == 0 {
+                pushed = self.law_force(p, &particles[p..p + section]);
+            }
             let (x, f) = particles[p];
             let mass = self.masses_kg[p];
             let stress = self.stress(&material, p, &f)?;
             let volume = self.layout.particle_volume_m3(p);
-            let mut body = add(mul(self.physics.gravity_m_s2, mass), self.law_force(p, x, &f));
+            let mut body = add(mul(self.physics.gravity_m_s2, mass), pushed);
             if let Some(target) = held[p] {
                 let spring = mass * self.clamp_per_kg;
                 body = add(body, mul(sub(target, x), spring));
@@ -327,7 +333,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// First Piola-Kirchhoff stress of a particle at rest, Pa.
     fn stress(&self, material: &Material<T>, particle: usize, f: &Mat3<T>) -> Result<Mat3<T>, Cause> {
-        let (pk1, j) = material.piola(particle, (f, &[zero3(); 3]), self.physics, &self.lame);
+        let (pk1, j) = material.piola(particle, f, self.physics, &self.lame);
         if j.value().is_nan() || j.value() <= 0.0 {
             return Err(Cause::Inverted {
                 particle,
@@ -337,18 +343,20 @@ impl<'a, T: Real> Statics<'a, T> {
         Ok(pk1)
     }
 
-    fn law_force(&self, p: usize, position_m: Vec3<T>, f: &Mat3<T>) -> Vec3<T> {
+    /// Force of the laws on each particle of the slice that begins with particle `first`, N.
+    fn law_force(&self, first: usize, slice: &[(Vec3<T>, Mat3<T>)]) -> Vec3<T> {
         if self.physics.force_laws.is_empty() {
             return zero3();
         }
-        let point = ForcePoint {
-            position_m,
+        let members = slice.iter().zip(&self.masses_kg[first..]);
+        let members = members.map(|((position_m, f), &mass_kg)| SliceMember {
+            position_m: *position_m,
             velocity_m_s: zero3(),
-            tangent: ForcePoint::tangent(f),
-            length_m: self.layout.particle_length_m(p),
-            diameter_m: self.scene.rope.diameter_m,
-            mass_kg: self.masses_kg[p],
-        };
+            axis: axis(f),
+            mass_kg,
+        });
+        let length_m = self.layout.particle_length_m(first);
+        let point = ForcePoint::share_of(members, length_m, self.scene.rope.diameter_m);
         self.physics.force_n(&point)
     }
 

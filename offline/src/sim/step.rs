@@ -1,15 +1,16 @@
 //! One time step: forces of the particles to the nodes, update of the nodes, their motion to the particles.
 
+use super::axial::axis;
 use super::clamp::{KEPT, RigidMotion};
 use super::contact::{Contact, Footing, push, rub};
 use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::material::{Material, Motion};
-use super::physics::{ForcePoint, Physics};
+use super::physics::{ForcePoint, Physics, SliceMember};
 use super::real::{Arithmetic, Real};
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, mul, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, mul, scaled, sub, zero3};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -121,8 +122,13 @@ pub fn particles_to_grid<T: Real>(
     let carried = decay * context.forgotten;
     grid.clear();
     material.advance(context.physics, context.dt_s, |index| particles[index].motion());
+    let mut pushed = zero3();
     for (index, particle) in particles.iter().enumerate() {
-        let mut field = impulse_field(particle, material, context, grid.spacing_m, index)?;
+        if index % context.section == 0 && !context.physics.force_laws.is_empty() {
+            let slice = &particles[index..index + context.section];
+            pushed = scaled(force_of_laws(slice, context), context.dt_s);
+        }
+        let mut field = impulse_field((particle, index), pushed, material, context, grid.spacing_m)?;
         add_momentum(particle, carried, &mut field);
         scatter(&grid.links[index], grid.spacing_m, &field, &mut grid.impulses);
         if let Some((stiffness, change)) = clamp_target(particle, motions, context) {
@@ -153,25 +159,21 @@ pub(super) struct ImpulseField<T> {
 
 #[inline(always)]
 fn impulse_field<T: Real>(
-    particle: &Particle<T>,
+    (particle, index): (&Particle<T>, usize),
+    pushed: Vec3<T>,
     material: &Material<T>,
     context: &StepContext<T>,
     dx: f64,
-    index: usize,
 ) -> Result<ImpulseField<T>, Cause> {
-    let (pk1, j) = material.piola(index, particle.motion(), context.physics, &context.lame);
+    let (f, rate) = particle.motion();
+    let (pk1, j) = material.piola(index, f, context.physics, &context.lame);
     if j.value().is_nan() || j.value() <= 0.0 {
         return Err(inverted_or_not_finite(index, j.value()));
     }
-    let (f, rate) = particle.motion();
     let viscous = Straining::new(f, rate, &context.viscosity).piola_stress(f);
     let stress_scale = -context.dt_s * particle.volume_m3 * 4.0 / (dx * dx);
-    let mut at_particle = [T::zero(); 3];
-    if !context.physics.force_laws.is_empty() {
-        at_particle = scaled(force_of_laws(particle, context), context.dt_s);
-    }
     Ok(ImpulseField {
-        at_particle,
+        at_particle: pushed,
         slope: std::array::from_fn(|a| scaled(add(pk1[a], viscous[a]), stress_scale)),
     })
 }
@@ -186,16 +188,15 @@ fn add_momentum<T: Real>(particle: &Particle<T>, share: f64, field: &mut Impulse
     }
 }
 
-/// Sum of the force laws, N.
-pub(super) fn force_of_laws<T: Real>(particle: &Particle<T>, context: &StepContext<T>) -> Vec3<T> {
-    let point = ForcePoint {
+/// Sum of the force laws on each particle of a slice, N.
+fn force_of_laws<T: Real>(slice: &[Particle<T>], context: &StepContext<T>) -> Vec3<T> {
+    let members = slice.iter().map(|particle| SliceMember {
         position_m: particle.position_m,
         velocity_m_s: particle.velocity_m_s,
-        tangent: ForcePoint::tangent(&particle.deformation_gradient),
-        length_m: particle.length_m,
-        diameter_m: context.diameter_m,
+        axis: axis(&particle.deformation_gradient),
         mass_kg: particle.mass_kg,
-    };
+    });
+    let point = ForcePoint::share_of(members, slice[0].length_m, context.diameter_m);
     context.physics.force_n(&point)
 }
 

@@ -7,7 +7,7 @@
 //! every tangent.
 
 use super::block_material::{BlockMaterial, moduli};
-use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
+use super::blocks::{Blocks, Body, GripMotion, Held, MEANS, Part, Stepped};
 use super::clamp::RigidMotion;
 use super::contact::Footing;
 use super::elastic::{Lame, fused_dot};
@@ -34,7 +34,7 @@ type NumberOf<L> = fn(&Body<L>, usize) -> L;
 pub struct Sweep<T: Laned, I: Instructions> {
     pub(super) blocks: Blocks<T::Plain<I>>,
     pub(super) masses: NodeMasses<T>,
-    laws: Option<Laws>,
+    laws: Option<Laws<T::Base>>,
     slices: usize,
 }
 
@@ -138,7 +138,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         };
         let rows = |count| Rows::new(T::CHANNELS, transfer.planes, count, transfer.width);
         let zero = T::Plain::<I>::zero();
-        let laws = Laws::new(context, layout, dx);
+        let laws = Laws::new(context, layout);
+        let channels_of_laws = laws.as_ref().map_or(0, |_| T::CHANNELS);
         let held = held_blocks::<T, I>(transfer.blocks(), members, &of_lane);
         Self {
             masses: NodeMasses::new(&transfer, layout.slices.len(), &masses),
@@ -147,7 +148,8 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 channels: T::CHANNELS,
                 bodies,
                 rates: vec![[[zero; 3]; 3]; T::CHANNELS * members],
-                extra: laws.as_ref().map(|laws| laws.space(T::CHANNELS)),
+                pushed: vec![zero3(); channels_of_laws],
+                means: vec![[zero; MEANS]; channels_of_laws],
                 material: BlockMaterial::new::<T, I>(context, &material, [transfer.blocks(), members], dx),
                 held,
                 stress_scales,
@@ -184,7 +186,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         self.blocks.carried = decay * context.forgotten;
         for block in 0..self.blocks.transfer.blocks() {
             self.part(block, &Part::Move(block))?;
-            if let Some(laws) = &self.laws {
+            if let Some(laws) = &mut self.laws {
                 let lanes = (self.slices - block * Self::COUNT).min(Self::COUNT);
                 laws.evaluate::<T, I>(context, block, lanes, &mut self.blocks);
             }

@@ -1,108 +1,123 @@
-//! Derivative of the effects' laws at the particles: recorded as they compute, and swept back.
+//! Derivative of the effects' laws: recorded as they compute, and swept back.
 
 use super::Precision;
 use super::state::StateCotangent;
 use super::var::{Session, Var};
-use crate::sim::blocks::Body;
+use crate::sim::axial;
+use crate::sim::blocks::{Body, MEANS, means_of};
 use crate::sim::lanes::{Instructions, Lanes, MOST_LANES};
-use crate::sim::material::add_stress_laws;
-use crate::sim::physics::Physics;
+use crate::sim::physics::{ForcePoint, direction};
 use crate::sim::real::{Arithmetic, Real};
 use crate::sim::rollout::Setup;
-use crate::sim::step::{Particle, force_of_laws};
-use crate::sim::tensor::{Mat3, Vec3, det};
+use crate::sim::tensor::{Mat3, Vec3};
 
-/// Derivatives of the result with respect to what the laws gave.
-pub(super) struct LawCotangent<L> {
-    /// With respect to the force, 1/N.
-    pub(super) force: Vec3<L>,
-    /// With respect to the first Piola-Kirchhoff stress, 1/Pa.
-    pub(super) stress: Mat3<L>,
+/// One session of the tape, and the rope whose laws it records.
+#[derive(Clone, Copy)]
+pub(super) struct Tape<'a> {
+    pub(super) session: &'a Session,
+    pub(super) vars: &'a Setup<'a, Var>,
 }
 
-/// Numbers of a particle's state: deformation gradient, rate, position, velocity.
-const NUMBERS: usize = 24;
+impl Tape<'_> {
+    /// Pulls derivatives with respect to the axial stress of one member of a block's slices, P, back to its
+    /// deformation gradient, into `bar`, and to the parameters, on the tape's foot.
+    pub(super) fn pull_back_axial<F: Precision, I: Instructions>(
+        &self,
+        block: usize,
+        f: &Mat3<F::Plain<I>>,
+        stress: &Mat3<F::Plain<I>>,
+        bar: &mut StateCotangent<F::Plain<I>>,
+    ) {
+        let numbers = axial::axis(f).map(values);
+        let seeds = axial::axis(stress).map(values);
+        let bars = self.pulled_back::<F, I, 3>(block, &numbers, &seeds, |axis, _| {
+            let context = &self.vars.context;
+            match context.physics.cubic_pa(&context.lame) {
+                Some(cubic_pa) => axial::piola_column(*axis, cubic_pa),
+                None => *axis,
+            }
+        });
+        for a in 0..3 {
+            bar.deformation_gradient[a][0] += register::<F, I>(&bars[a], 1.0);
+        }
+    }
 
-/// Whether a physics has laws that act on particles.
-pub(super) fn has_laws<T>(physics: &Physics<T>) -> bool {
-    !(physics.stress_laws.is_empty() && physics.force_laws.is_empty())
+    /// The same for the force on each member of a block's slices, which goes with their mean motion; `bars` are those
+    /// of the block.
+    pub(super) fn pull_back_force<F: Precision, I: Instructions>(
+        &self,
+        block: usize,
+        bodies: &[Body<F::Plain<I>>],
+        force: Vec3<F::Plain<I>>,
+        bars: &mut [StateCotangent<F::Plain<I>>],
+    ) {
+        let means = means_of(bodies).map(values);
+        // Masses depend on the parameters, so they are on the tape already.
+        let motion: [[f64; MOST_LANES]; MEANS - 1] = std::array::from_fn(|n| means[n]);
+        let of_means =
+            self.pulled_back::<F, I, { MEANS - 1 }>(block, &motion, &force.map(values), |inputs, slice| {
+                let vector = |first: usize| -> Vec3<Var> { std::array::from_fn(|k| inputs[first + k]) };
+                let masses = slice * bodies.len()..(slice + 1) * bodies.len();
+                let mass_kg = self.vars.masses_kg[masses.clone()].iter();
+                let point = ForcePoint {
+                    position_m: vector(0),
+                    velocity_m_s: vector(3),
+                    tangent: direction(vector(6)),
+                    length_m: self.vars.layout.particle_length_m(masses.start),
+                    diameter_m: self.vars.context.diameter_m,
+                    mass_kg: mass_kg
+                        .fold(Var::of(0.0), |sum, &m| sum + m)
+                        .scale(1.0 / bodies.len() as f64),
+                };
+                self.vars.context.physics.force_n(&point)
+            });
+        let share = 1.0 / bodies.len() as f64;
+        let of_members: [F::Plain<I>; MEANS - 1] =
+            std::array::from_fn(|n| register::<F, I>(&of_means[n], share));
+        for bar in bars {
+            for a in 0..3 {
+                bar.position[a] += of_members[a];
+                bar.velocity[a] += of_members[3 + a];
+                bar.deformation_gradient[a][0] += of_members[6 + a];
+            }
+        }
+    }
+
+    /// Derivatives with respect to what a law reads, lane by lane, from those with respect to what it gives. The law
+    /// hears the slice, too.
+    fn pulled_back<F: Precision, I: Instructions, const N: usize>(
+        &self,
+        block: usize,
+        numbers: &[[f64; MOST_LANES]; N],
+        seeds: &[[f64; MOST_LANES]; 3],
+        law: impl Fn(&[Var; N], usize) -> Vec3<Var>,
+    ) -> [[f64; MOST_LANES]; N] {
+        let count = <F::Plain<I> as Lanes>::COUNT;
+        let session = self.session;
+        let mut bars = [[0.0; MOST_LANES]; N];
+        for lane in 0..count.min(self.vars.layout.slices.len() - block * count) {
+            let mark = session.mark();
+            let inputs: [Var; N] = std::array::from_fn(|n| session.input(numbers[n][lane]));
+            let given = law(&inputs, block * count + lane);
+            for (var, seed) in given.iter().zip(seeds) {
+                session.seed(*var, seed[lane]);
+            }
+            session.sweep(mark);
+            for (bar, &input) in bars.iter_mut().zip(&inputs) {
+                bar[lane] = session.adjoint(input);
+            }
+            session.rewind(mark);
+        }
+        bars
+    }
 }
 
-/// One member of a block's slices, and its dx Ḟ.
-type Moving<'a, L> = (&'a Body<L>, &'a Mat3<L>);
-
-/// Pulls `wanted` back to the state of one member of a block's slices, into `bar`, and to the
-/// parameters, on the tape's foot.
-pub(super) fn pull_back_laws<F: Precision, I: Instructions>(
-    session: &Session,
-    vars: &Setup<Var>,
-    (block, member): (usize, usize),
-    (body, rate): Moving<F::Plain<I>>,
-    wanted: &LawCotangent<F::Plain<I>>,
-    bar: &mut StateCotangent<F::Plain<I>>,
-) {
-    let dx = vars.scene.grid.spacing_m;
-    let count = <F::Plain<I> as Lanes>::COUNT;
-    let (slices, members) = (vars.layout.slices.len(), vars.layout.section_m.len());
-    let matrix = |m: &Mat3<F::Plain<I>>, n: usize| m[n / 3][n % 3].to_lanes().map(Real::value);
-    let numbers: [[f64; MOST_LANES]; NUMBERS] = std::array::from_fn(|n| match n {
-        0..9 => matrix(&body.deformation_gradient, n),
-        9..18 => matrix(rate, n - 9).map(|x| x / dx),
-        18..21 => body.position_m[n - 18].to_lanes().map(Real::value),
-        _ => body.velocity_m_s[n - 21].to_lanes().map(Real::value),
-    });
-    let force = wanted.force.map(|x| x.to_lanes().map(Real::value));
-    let stress: [[f64; MOST_LANES]; 9] = std::array::from_fn(|n| matrix(&wanted.stress, n));
-    let mut bars = [[0.0; MOST_LANES]; NUMBERS];
-    for lane in 0..count.min(slices - block * count) {
-        let mark = session.mark();
-        let inputs: [Var; NUMBERS] = std::array::from_fn(|n| session.input(numbers[n][lane]));
-        let vector = |first: usize| -> Vec3<Var> { std::array::from_fn(|k| inputs[first + k]) };
-        let index = (block * count + lane) * members + member;
-        let particle = Particle {
-            position_m: vector(18),
-            velocity_m_s: vector(21),
-            deformation_rate: [vector(9), vector(12), vector(15)],
-            deformation_gradient: [vector(0), vector(3), vector(6)],
-            mass_kg: vars.masses_kg[index],
-            volume_m3: vars.layout.particle_volume_m3(index),
-            length_m: vars.layout.particle_length_m(index),
-            grip: None,
-        };
-        let seeds = (force.map(|f| f[lane]), stress.map(|s| s[lane]));
-        record(session, vars, &particle, &seeds);
-        session.sweep(mark);
-        for (bar, &input) in bars.iter_mut().zip(&inputs) {
-            bar[lane] = session.adjoint(input);
-        }
-        session.rewind(mark);
-    }
-    let register = |n: usize, scale: f64| F::Plain::<I>::from_lanes(|lane| F::of(bars[n][lane] * scale));
-    for a in 0..3 {
-        bar.position[a] += register(18 + a, 1.0);
-        bar.velocity[a] += register(21 + a, 1.0);
-        for b in 0..3 {
-            bar.deformation_gradient[a][b] += register(3 * a + b, 1.0);
-            bar.rate[a][b] += register(9 + 3 * a + b, 1.0 / dx);
-        }
-    }
+/// The lanes of a register.
+fn values<L: Lanes>(register: L) -> [f64; MOST_LANES] {
+    register.to_lanes().map(Real::value)
 }
 
-/// Lets the laws compute and seeds their results.
-fn record(session: &Session, vars: &Setup<Var>, particle: &Particle<Var>, seeds: &([f64; 3], [f64; 9])) {
-    let physics = vars.context.physics;
-    if !physics.stress_laws.is_empty() {
-        let mut stress = [[Var::zero(); 3]; 3];
-        let j = det(&particle.deformation_gradient);
-        add_stress_laws(particle.motion(), physics, &vars.context.lame, j, &mut stress);
-        for (var, bar) in stress.iter().flatten().zip(&seeds.1) {
-            session.seed(*var, *bar);
-        }
-    }
-    if !physics.force_laws.is_empty() {
-        let force_n = force_of_laws(particle, &vars.context);
-        for (var, bar) in force_n.iter().zip(&seeds.0) {
-            session.seed(*var, *bar);
-        }
-    }
+/// A register of lanes.
+fn register<F: Precision, I: Instructions>(lanes: &[f64; MOST_LANES], scale: f64) -> F::Plain<I> {
+    F::Plain::<I>::from_lanes(|lane| F::of(lanes[lane] * scale))
 }

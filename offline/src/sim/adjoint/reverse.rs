@@ -1,6 +1,6 @@
 //! The way back over a rollout, step by step, from its end to its start.
 
-use super::laws::{LawCotangent, has_laws, pull_back_laws};
+use super::laws::Tape;
 use super::nodes::{NodeForces, pull_back_free};
 use super::paths::{MotionCotangent, PathGradients};
 use super::seeds::Seeds;
@@ -334,7 +334,11 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     fn particles(&mut self, number: usize, carried: f64) {
         let (members, context) = (self.members(), &self.setup.context);
         let (quarter, dt) = (F::Plain::<I>::of(0.25), F::Plain::<I>::of(context.dt_s));
-        let lawful = has_laws(self.vars.context.physics);
+        let physics = self.vars.context.physics;
+        let tape = Tape {
+            session: self.session,
+            vars: self.vars,
+        };
         let pushed = self.setup.forces(number).is_some();
         let (mut lame, mut viscosity) = ([F::Plain::<I>::zero(); 2], [F::Plain::<I>::zero(); 2]);
         for block in 0..self.engine.blocks.transfer.blocks() {
@@ -373,17 +377,17 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                             elastic.deformation_gradient[a][b] + viscous.deformation_gradient[a][b];
                     }
                 }
-                if lawful {
-                    let wanted = LawCotangent {
-                        force: impulse.map(|x| x * dt),
-                        stress,
-                    };
-                    let state = (body, &self.rates[index]);
-                    pull_back_laws::<F, I>(self.session, self.vars, (block, member), state, &wanted, bar);
+                if !physics.axial_laws.is_empty() {
+                    tape.pull_back_axial::<F, I>(block, f, &stress, bar);
                 }
                 if self.weighed {
                     self.weigh((block, member), &impulse, &change, carried);
                 }
+            }
+            if !physics.force_laws.is_empty() {
+                let range = block * members..(block + 1) * members;
+                let bodies = &self.engine.blocks.bodies[range.clone()];
+                tape.pull_back_force::<F, I>(block, bodies, force.map(|x| x * dt), &mut self.bars[range]);
             }
             if pushed {
                 self.push(number, block, force);
