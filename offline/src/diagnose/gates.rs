@@ -4,6 +4,7 @@ use super::round::Refit;
 use super::rounds::LoopOptions;
 use super::score::Score;
 use crate::effects;
+use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
 
@@ -84,7 +85,7 @@ pub(super) fn statistical_gates(
                 fit_before.floor_mm, held_before.floor_mm
             ),
         ),
-        physical_value(spec, refit),
+        physical_value(spec, &refit.parameters),
         Gate::new(
             "explained share",
             removed.min(held_removed) >= options.smallest_share,
@@ -97,21 +98,35 @@ pub(super) fn statistical_gates(
     ]
 }
 
+/// Name of the gate that an effect may fail while another cause is still missing: its value then makes up for that.
+pub(super) const PHYSICAL_VALUE: &str = "physical value";
+
+/// Whether every effect of a model has a physical value.
+pub(super) fn all_physical(structure: &Structure, all: &[Estimate]) -> bool {
+    let mut rest = &all[Structure::default().parameters().len()..];
+    structure.effects.iter().all(|&effect| {
+        let spec = &effects::ALL[effect];
+        let (own, others) = rest.split_at(spec.parameters.len());
+        rest = others;
+        physical_value(spec, own).passed
+    })
+}
+
 /// The value must lie inside its physical range and differ from nothing.
-fn physical_value(spec: &effects::EffectSpec, refit: &Refit) -> Gate {
+fn physical_value(spec: &effects::EffectSpec, estimates: &[Estimate]) -> Gate {
     // A parameter may stay where it vanishes: another parameter then carries the effect.
     let inside = spec
         .parameters
         .iter()
-        .zip(&refit.parameters)
+        .zip(estimates)
         .all(|(p, e)| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at);
     let sized = spec
         .parameters
         .iter()
-        .zip(&refit.parameters)
+        .zip(estimates)
         .any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
     Gate::new(
-        "physical value",
+        PHYSICAL_VALUE,
         inside && sized,
         format!(
             "{}, {}",
@@ -174,6 +189,31 @@ mod tests {
                 reduced_chi_square: rms_mm * rms_mm,
             },
         }
+    }
+
+    /// A lag of 5 ms beside a tip mass: both have to be physical, each by its own parameters.
+    #[test]
+    fn a_model_is_physical_where_all_its_effects_are() {
+        let with =
+            |id: &str, structure: Structure| structure.with(effects::find(id).expect("in the registry"));
+        let structure = with("gripper_lag", with("tip_mass", Structure::default()));
+        let physical = |tip_mass_kg: f64, lag_s: f64| {
+            let values = [14.0, 0.3, tip_mass_kg, lag_s];
+            let estimate = |value: f64| Estimate {
+                name: String::new(),
+                unit: String::new(),
+                value,
+                standard_error: 0.001,
+                identified: true,
+            };
+            all_physical(&structure, &values.map(estimate))
+        };
+        let [mass, lag] = ["tip_mass", "gripper_lag"]
+            .map(|id| effects::ALL[effects::find(id).expect("in the registry")].parameters[0]);
+        assert!(physical(0.5 * mass.high, 0.5 * lag.high));
+        assert!(!physical(0.5 * mass.high, lag.high));
+        assert!(!physical(mass.high, 0.5 * lag.high));
+        assert!(!physical(0.5 * mass.high, 0.001));
     }
 
     /// A cause of 2 mm beside a discretisation error of 1 mm and noise of 1 mm, found to the last: it takes

@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::{WHITE_FLOORS, excess_mm};
-use super::gates::{Gate, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, PHYSICAL_VALUE, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -37,6 +37,14 @@ pub struct Refit {
     pub passed: bool,
 }
 
+impl Refit {
+    fn only_its_value_fails(&self) -> bool {
+        self.gates
+            .iter()
+            .all(|gate| gate.passed || gate.name == PHYSICAL_VALUE)
+    }
+}
+
 /// One round of the loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Round {
@@ -64,28 +72,50 @@ const SPRINT_EVALUATIONS: usize = 3;
 const GO_ON: usize = 3;
 /// Share of the excess over noise and discretisation error from which on an effect needs no further rivals: those
 /// that look like it to first order are refitted beside it anyway.
-const ALMOST_ALL: f64 = 0.95;
+pub(super) const ALMOST_ALL: f64 = 0.95;
 /// An effect whose score is below this share of the best is not refitted: it cannot be the whole cause, and a
 /// later round, without the whole cause in the residual, sees it better.
 const LEAST_SHARE: f64 = 0.1;
 
 /// A refit with the model that it gave.
 type Tried = (Refit, Structure, FitResult);
-/// The model that won a round: structure, fit, held-out residual, name of its new effect.
-type Best = (Structure, FitResult, ResidualSummary, String);
-/// All refits of a round, the winner, and the effects that tie with it.
-type Chosen = (Vec<Refit>, Option<Best>, Vec<String>);
-/// The next model and the effects that tie with its new one.
-type Winner = (Structure, FitResult, ResidualSummary, Vec<String>);
+
+/// A model and what it leaves.
+pub(super) struct Standing {
+    /// Its effects.
+    pub(super) structure: Structure,
+    /// Its fit.
+    pub(super) fitted: FitResult,
+    /// What it leaves where held out.
+    pub(super) held: ResidualSummary,
+    /// Effects that tie with its last one.
+    pub(super) rivals: Vec<String>,
+}
+
+impl Standing {
+    /// Name of the effect that came last.
+    pub(super) fn last_effect(&self) -> Option<String> {
+        self.structure.effects.last().map(|&e| effects::ALL[e].id.into())
+    }
+}
+
+/// What a round came to.
+pub(super) enum Found {
+    /// A model with one more effect that passed every gate.
+    Accepted(Standing),
+    /// The best of those whose value alone is not physical: another cause may be missing beside it.
+    InCompany(Standing),
+    /// Nothing.
+    Nothing,
+}
 
 pub(super) fn one_round(
     bench: &Bench,
-    structure: &Structure,
-    fitted: &FitResult,
-    held_now: &ResidualSummary,
+    now: &Standing,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<(Round, Option<Winner>, Library), FitError> {
+) -> Result<(Round, Found, Library), FitError> {
+    let (structure, fitted) = (&now.structure, &now.fitted);
     progress("scoring every effect of the library from one pass of tangents");
     let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
     let listed = table.scores.iter().take(LISTED);
@@ -93,10 +123,18 @@ pub(super) fn one_round(
         .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
         .collect();
     progress(&format!("best scores (needed): {}", listed.join(", ")));
-    let tried = refit_leading(bench, structure, fitted, (&table, held_now), options, progress);
-    let now = ResidualSummary::of(&fitted.best);
-    let (refits, winner, tied) = choose(bench, tried, &now, options, progress)?;
-    let accepted = winner.as_ref().map(|w| w.3.clone());
+    let tried = refit_leading(bench, structure, fitted, (&table, &now.held), options, progress);
+    let (refits, found) = choose(
+        bench,
+        tried,
+        &ResidualSummary::of(&fitted.best),
+        options,
+        progress,
+    )?;
+    let accepted = match &found {
+        Found::Accepted(next) => next.last_effect(),
+        Found::InCompany(_) | Found::Nothing => None,
+    };
     let round = Round {
         known: structure
             .effects
@@ -107,40 +145,49 @@ pub(super) fn one_round(
         refits,
         accepted,
     };
-    Ok((round, winner.map(|(s, f, h, _)| (s, f, h, tied)), library))
+    Ok((round, found, library))
 }
 
-/// Tries the finer grid on the refits that passed, best held-out error first, and names the winner and
-/// those that tie with it.
+/// Tries the finer grid on the refits that passed, best held-out error first, and finds the winner and
+/// those that tie with it; all refits of the round come along.
 fn choose(
     bench: &Bench,
     mut tried: Vec<Tried>,
     now: &ResidualSummary,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<Chosen, FitError> {
+) -> Result<(Vec<Refit>, Found), FitError> {
     let refined = options.without != Some(Part::Refinement);
     tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
-    let mut winner = None;
     let mut refits = Vec::new();
-    let mut tied = Vec::new();
-    for (mut refit, next_structure, next_fit) in tried {
-        if refined && winner.is_none() && refit.passed {
+    let mut found = Found::Nothing;
+    for (mut refit, structure, fitted) in tried {
+        let first = !matches!(found, Found::Accepted(_));
+        if refined && first && refit.passed {
             progress(&format!("checking {} on a finer grid", refit.id));
-            let gate = refine(bench, &next_structure, &next_fit, now)?;
+            let gate = refine(bench, &structure, &fitted, now)?;
             refit.passed &= gate.passed;
             refit.gates.push(gate);
         }
-        if refit.passed {
-            match &winner {
-                None => winner = Some((next_structure, next_fit, refit.held_out.clone(), refit.id.clone())),
-                Some((_, best, _, _)) if ties(best, &next_fit) => tied.push(refit.id.clone()),
-                Some(_) => {}
+        let standing = Standing {
+            structure,
+            fitted,
+            held: refit.held_out.clone(),
+            rivals: Vec::new(),
+        };
+        match &mut found {
+            Found::Accepted(best) => {
+                if refit.passed && ties(&best.fitted, &standing.fitted) {
+                    best.rivals.push(refit.id.clone());
+                }
             }
+            _ if refit.passed => found = Found::Accepted(standing),
+            Found::Nothing if refit.only_its_value_fails() => found = Found::InCompany(standing),
+            _ => {}
         }
         refits.push(refit);
     }
-    Ok((refits, winner, tied))
+    Ok((refits, found))
 }
 
 /// Refits the leading effects and, unless one that passes leaves next to nothing to explain, all others that are worth

@@ -1,12 +1,13 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
+use super::gates::{all_physical, excess_removed};
 use super::noise::Noise;
-use super::round::{Round, one_round};
+use super::round::{ALMOST_ALL, Found, Round, Standing, one_round};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::{Demo, SceneKind};
 use crate::fit::{
-    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution,
+    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, estimates,
     estimates_within, fit, fit_from, grid_shift,
 };
 use crate::model::{Estimate, Structure};
@@ -195,7 +196,7 @@ pub fn close_loop(
     progress: &dyn Fn(&str),
 ) -> Result<Outcome, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
-    let mut structure = Structure::default();
+    let structure = Structure::default();
     progress("fitting the base model from several starts");
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
     let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
@@ -207,26 +208,19 @@ pub fn close_loop(
         }
     }
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
-    let mut fitted = bench.again(&structure, &base.best.theta)?;
-    let mut held_now = ResidualSummary::of(&held_out_before);
-    let mut rounds: Vec<Round> = Vec::new();
-    let (mut rivals, mut library) = (Vec::new(), None);
-    while structure.effects.len() < options.max_effects
-        && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
-        && !only_numerical(&fitted, &rounds, bench.doubt(&fitted))
-    {
-        let (round, winner, slopes) = one_round(&bench, &structure, &fitted, &held_now, options, progress)?;
-        library = Some(slopes);
-        let done = winner.is_none();
-        if let Some((next_structure, next_fit, next_held, tied)) = winner {
-            rivals = tied;
-            (structure, fitted, held_now) = (next_structure, next_fit, next_held);
-        }
-        rounds.push(round);
-        if done {
-            break;
-        }
-    }
+    let start = Standing {
+        fitted: bench.again(&structure, &base.best.theta)?,
+        structure,
+        held: ResidualSummary::of(&held_out_before),
+        rivals: Vec::new(),
+    };
+    let (end, rounds, library) = all_rounds(&bench, start, options, progress)?;
+    let Standing {
+        structure,
+        fitted,
+        rivals,
+        ..
+    } = end;
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
     progress("estimating what the grid itself may have moved");
     let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
@@ -255,6 +249,63 @@ pub fn close_loop(
         library,
         grid_shift,
     })
+}
+
+/// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
+/// slopes of the last of them.
+///
+/// Two causes can hide each other: each alone is fitted with a value that makes up for the other. So where nothing
+/// passes, but something would if it had a physical value, that goes along for one round more. Both are accepted
+/// where they leave next to nothing together, and neither otherwise.
+fn all_rounds(
+    bench: &Bench,
+    start: Standing,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<(Standing, Vec<Round>, Option<Library>), FitError> {
+    let (mut now, mut rounds, mut library) = (start, Vec::<Round>::new(), None);
+    let mut on_trial_since: Option<Standing> = None;
+    while now.structure.effects.len() < options.max_effects
+        && ResidualSummary::of(&now.fitted.best).floors > WHITE_FLOORS
+        && !only_numerical(&now.fitted, &rounds, bench.doubt(&now.fitted))
+    {
+        let (round, found, slopes) = one_round(bench, &now, options, progress)?;
+        let before = on_trial_since.take();
+        match (found, before) {
+            (Found::Accepted(next), None) => now = next,
+            (Found::Accepted(next), Some(before)) if complete(&before, &next, &rounds) => {
+                if let Some(trial) = rounds.last_mut() {
+                    trial.accepted = now.last_effect();
+                }
+                now = next;
+            }
+            (_, Some(before)) => {
+                progress("the effect on trial does not explain it in company either");
+                now = before;
+                break;
+            }
+            (Found::InCompany(next), None) if next.structure.effects.len() < options.max_effects => {
+                progress("nothing passes alone: the best goes along on trial");
+                on_trial_since = Some(std::mem::replace(&mut now, next));
+            }
+            (_, None) => {
+                rounds.push(round);
+                library = Some(slopes);
+                break;
+            }
+        }
+        rounds.push(round);
+        library = Some(slopes);
+    }
+    Ok((on_trial_since.unwrap_or(now), rounds, library))
+}
+
+/// Whether a model leaves next to nothing of what one before it left, with physical values throughout.
+fn complete(before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
+    let [left, leaves] = [before, after].map(|standing| ResidualSummary::of(&standing.fitted.best));
+    let numerical_mm = rounds.last().map_or(0.0, |round| round.table.discretisation_mm);
+    excess_removed(&left, &leaves, numerical_mm) >= ALMOST_ALL
+        && all_physical(&after.structure, &estimates(&after.fitted.best, &after.structure))
 }
 
 /// Whether the last round explained everything but what the simulation itself is known to be off by. No
