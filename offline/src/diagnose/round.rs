@@ -176,12 +176,10 @@ fn choose(
             rivals: Vec::new(),
         };
         match &mut found {
-            Found::Accepted(best) => {
-                if refit.passed && ties(&best.fitted, &standing.fitted) {
-                    best.rivals.push(refit.id.clone());
-                }
+            Found::Accepted(best) if refit.passed && ties(&best.fitted, &standing.fitted) => {
+                best.rivals.push(refit.id.clone());
             }
-            _ if refit.passed => found = Found::Accepted(standing),
+            Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
             Found::Nothing if refit.only_its_value_fails() => found = Found::InCompany(standing),
             _ => {}
         }
