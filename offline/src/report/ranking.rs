@@ -91,6 +91,13 @@ fn ranking(round: &Round) -> Markup {
                 }
             }
         } }
+        @if round.refits.iter().any(|refit| is_accepted(round, &refit.id) && !refit.passed) {
+            p {
+                "No effect passed alone: with another cause missing, its value makes up for that. The best was taken "
+                "along for one round more, and accepted with what that round found, because both together leave next "
+                "to nothing."
+            }
+        }
         p.quiet {
             "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "
             "order. Threshold: what the best score reaches in 95 % of pseudo-data that hold noise and the error "
@@ -130,6 +137,7 @@ fn one_step(score: &Score) -> Markup {
 fn brief(round: &Round, score: &Score) -> Markup {
     html! {
         @match refit(round, &score.id) {
+            Some(refit) if is_accepted(round, &score.id) && !refit.passed => span.yes.nowrap { "accepted, in company" },
             _ if is_accepted(round, &score.id) => span.yes.nowrap { "accepted" },
             Some(refit) if refit.passed => span.nowrap { "passed, second" },
             Some(_) => span.no.nowrap { "refit failed" },

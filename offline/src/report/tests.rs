@@ -285,6 +285,18 @@ fn maps_before_and_after_share_one_colour_scale() {
 }
 
 #[test]
+fn an_effect_that_passed_only_in_company_is_said_to_have() {
+    let page = |accepted: bool| {
+        let mut round = round();
+        round.accepted = accepted.then(|| "tip_mass".to_owned());
+        ranking::section(&[round]).into_string()
+    };
+    let told = ["accepted, in company", "No effect passed alone"];
+    assert!(told.iter().all(|words| page(true).contains(words)));
+    assert!(told.iter().all(|words| !page(false).contains(words)));
+}
+
+#[test]
 fn every_effect_that_was_not_accepted_has_a_reason() {
     let round = round();
     let reasons: Vec<String> = round
