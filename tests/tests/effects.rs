@@ -4,6 +4,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use offline::effects::{self, ALL, Slope};
+use offline::sim::axial;
 use offline::sim::clamp::ClampPath;
 use offline::sim::elastic::energy_density;
 use offline::sim::material::Material;
@@ -210,6 +211,12 @@ fn turned(state: &State, turn: &Matrix3<f64>) -> State {
     }
 }
 
+/// First column of the stress of the axial laws, Pa; zero where there is none.
+fn axial_column_pa(physics: &Physics<f64>, state: &State) -> Vector3<f64> {
+    let cubic_pa = physics.cubic_pa(&physics.lame()).unwrap_or(0.0);
+    axial::piola_column(axial::axis(&rows(&state.f)), cubic_pa).into()
+}
+
 fn force_n(physics: &Physics<f64>, state: &State) -> Vector3<f64> {
     let point = ForcePoint {
         position_m: [0.1, 0.2, 0.3],
@@ -226,7 +233,7 @@ fn force_n(physics: &Physics<f64>, state: &State) -> Vector3<f64> {
         .sum()
 }
 
-/// Turning the state turns forces and plastic flow. Stresses: see the turned rope below.
+/// Turning the state turns stresses along the axis, forces and plastic flow. Other stresses: see the turned rope below.
 #[test]
 fn laws_turn_with_the_rope() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
@@ -237,6 +244,9 @@ fn laws_turn_with_the_rope() {
             let state = random_state(&mut rng);
             let (turn, _) = random_turn(&mut rng);
             let there = turned(&state, &turn);
+            let column = axial_column_pa(&physics, &state);
+            let error = (axial_column_pa(&physics, &there) - turn * column).norm();
+            assert!(error <= 1e-12 * column.norm(), "{id}: {error:.2e} Pa");
             for law in &physics.flow_laws {
                 let relaxed = |state: &State| law.relaxation(&rows(&state.f)).map(|m| matrix(&m));
                 let difference = relaxed(&there).unwrap_or_default() - relaxed(&state).unwrap_or_default();

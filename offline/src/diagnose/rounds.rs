@@ -23,7 +23,7 @@ pub struct LoopOptions {
     pub finer: Resolution,
     /// Starts and budget of the first fit.
     pub fit: FitOptions,
-    /// How many of the best effects are refitted in full at once.
+    /// How many of the best effects go first when a round refits; others follow where these leave something.
     pub refits: usize,
     /// Most effects that are accepted.
     pub max_effects: usize,
@@ -265,13 +265,14 @@ fn all_rounds(
 ) -> Result<(Standing, Vec<Round>, Option<Library>), FitError> {
     let (mut now, mut rounds, mut library) = (start, Vec::<Round>::new(), None);
     let mut on_trial_since: Option<Standing> = None;
-    while now.structure.effects.len() < options.max_effects
+    let mut done = false;
+    while !done
+        && now.structure.effects.len() < options.max_effects
         && ResidualSummary::of(&now.fitted.best).floors > WHITE_FLOORS
         && !only_numerical(&now.fitted, &rounds, bench.doubt(&now.fitted))
     {
         let (round, found, slopes) = one_round(bench, &now, options, progress)?;
-        let before = on_trial_since.take();
-        match (found, before) {
+        match (found, on_trial_since.take()) {
             (Found::Accepted(next), None) => now = next,
             (Found::Accepted(next), Some(before)) if complete(&before, &next, &rounds) => {
                 if let Some(trial) = rounds.last_mut() {
@@ -281,6 +282,7 @@ fn all_rounds(
             }
             (_, Some(before)) => {
                 progress("the effect on trial does not explain it in company either");
+                // What this round says is said of a model that is given up.
                 now = before;
                 break;
             }
@@ -288,11 +290,7 @@ fn all_rounds(
                 progress("nothing passes alone: the best goes along on trial");
                 on_trial_since = Some(std::mem::replace(&mut now, next));
             }
-            (_, None) => {
-                rounds.push(round);
-                library = Some(slopes);
-                break;
-            }
+            (_, None) => done = true,
         }
         rounds.push(round);
         library = Some(slopes);

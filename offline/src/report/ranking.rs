@@ -65,6 +65,11 @@ fn is_accepted(round: &Round, id: &str) -> bool {
     round.accepted.as_deref() == Some(id)
 }
 
+/// Whether an effect was accepted although its refit alone failed a gate.
+fn in_company(round: &Round, refit: &Refit) -> bool {
+    is_accepted(round, &refit.id) && !refit.passed
+}
+
 fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
     round.refits.iter().find(|refit| refit.id == id)
 }
@@ -91,7 +96,7 @@ fn ranking(round: &Round) -> Markup {
                 }
             }
         } }
-        @if round.refits.iter().any(|refit| is_accepted(round, &refit.id) && !refit.passed) {
+        @if round.refits.iter().any(|refit| in_company(round, refit)) {
             p {
                 "No effect passed alone: with another cause missing, its value makes up for that. The best was taken "
                 "along for one round more, and accepted with what that round found, because both together leave next "
@@ -137,7 +142,7 @@ fn one_step(score: &Score) -> Markup {
 fn brief(round: &Round, score: &Score) -> Markup {
     html! {
         @match refit(round, &score.id) {
-            Some(refit) if is_accepted(round, &score.id) && !refit.passed => span.yes.nowrap { "accepted, in company" },
+            Some(refit) if in_company(round, refit) => span.yes.nowrap { "accepted, in company" },
             _ if is_accepted(round, &score.id) => span.yes.nowrap { "accepted" },
             Some(refit) if refit.passed => span.nowrap { "passed, second" },
             Some(_) => span.no.nowrap { "refit failed" },

@@ -36,14 +36,6 @@ struct Element<L> {
     before: Vec<Mat3<L>>,
 }
 
-/// The stress along the axis besides elasticity.
-struct Stiffening<L> {
-    /// k by channel, Pa.
-    cubic_pa: Vec<L>,
-    /// What channel 0 keeps for the others, by member.
-    stretched: Vec<Stretched<L>>,
-}
-
 impl<L: Lanes> Element<L> {
     fn new<T: Laned<Plain<I> = L, Base = L::Scalar>, I: Instructions>(
         law: &dyn MemoryLaw<T>,
@@ -92,7 +84,10 @@ pub struct BlockMaterial<L> {
     /// c by block and channel; empty where no law changes it.
     bending: Vec<L>,
     elements: Vec<Element<L>>,
-    stiffening: Option<Stiffening<L>>,
+    /// Coefficient k of the stress along the axis by channel, Pa; empty where there is none.
+    cubic_pa: Vec<L>,
+    /// What channel 0 keeps of that stress for the others, by member.
+    stretched: Vec<Stretched<L>>,
     /// (1 − c) P(F̄) by channel, Pa.
     common_pa: Vec<Mat3<L>>,
     /// P(F̄), Pa, and its differential.
@@ -114,13 +109,12 @@ impl<L: Lanes> BlockMaterial<L> {
         if !physics.changes_material() && cubic_pa.is_none() {
             return None;
         }
-        let channels = T::CHANNELS;
         let lanes = |k: usize, of_lane: &dyn Fn(usize) -> Option<T>| {
             L::from_lanes(|lane| of_lane(lane).unwrap_or(T::one()).channel(k))
         };
         let (mut rest, mut bending) = (Vec::new(), Vec::new());
         for block in 0..blocks {
-            for k in 0..channels {
+            for k in 0..T::CHANNELS {
                 let slice = |lane: usize| block * L::COUNT + lane;
                 if !physics.bending_laws.is_empty() {
                     bending.push(lanes(k, &|lane| material.bending(slice(lane))));
@@ -136,18 +130,16 @@ impl<L: Lanes> BlockMaterial<L> {
         }
         let elements = physics.memory_laws.iter();
         Some(Self {
-            channels,
+            channels: T::CHANNELS,
             members,
             rest,
             bending,
             elements: elements
                 .map(|law| Element::new::<T, I>(&**law, context, [blocks, members], spacing_m))
                 .collect(),
-            stiffening: cubic_pa.map(|k| Stiffening {
-                cubic_pa: self::channels::<T, I>(k),
-                stretched: vec![Stretched::new([L::one(), L::zero(), L::zero()]); members],
-            }),
-            common_pa: vec![[zero3(); 3]; channels],
+            cubic_pa: cubic_pa.map_or_else(Vec::new, |k| channels::<T, I>(k)),
+            stretched: vec![Stretched::new([L::one(), L::zero(), L::zero()]); members],
+            common_pa: vec![[zero3(); 3]; T::CHANNELS],
             mean: None,
             stresses: vec![[zero3(); 3]; members],
         })
@@ -292,23 +284,24 @@ impl<L: Lanes> BlockMaterial<L> {
     /// Adds the stress along the axis of a member in channel 0.
     #[inline(always)]
     pub fn stiffen(&mut self, place: Place, f: &Mat3<L>, pk1: &mut Mat3<L>) {
-        let elastic = axis(&self.elastic(place, f, f));
-        if let Some(stiffening) = &mut self.stiffening {
-            // P_e Aᵀ/a has the first column of P_e.
-            let stretched = Stretched::new(elastic);
-            add_column(pk1, stretched.column(stiffening.cubic_pa[0]));
-            stiffening.stretched[place.member] = stretched;
+        if self.cubic_pa.is_empty() {
+            return;
         }
+        // P_e Aᵀ/a has the first column of P_e.
+        let stretched = Stretched::new(axis(&self.elastic(place, f, f)));
+        add_column(pk1, stretched.column(self.cubic_pa[0]));
+        self.stretched[place.member] = stretched;
     }
 
     /// The same in another channel, after channel 0; a deformation gradient with its differential.
     #[inline(always)]
     pub fn change_of_stiffening(&self, place: Place, [f, df]: [&Mat3<L>; 2], pk1: &mut Mat3<L>) {
-        if let Some(stiffening) = &self.stiffening {
-            let change = axis(&self.elastic(place, df, f));
-            let cubic_pa = [stiffening.cubic_pa[0], stiffening.cubic_pa[place.channel]];
-            add_column(pk1, stiffening.stretched[place.member].change(change, cubic_pa));
+        if self.cubic_pa.is_empty() {
+            return;
         }
+        let change = axis(&self.elastic(place, df, f));
+        let cubic_pa = [self.cubic_pa[0], self.cubic_pa[place.channel]];
+        add_column(pk1, self.stretched[place.member].change(change, cubic_pa));
     }
 
     /// Lets a member remember its rate of strain, and adds the stress that follows it, in channel 0.

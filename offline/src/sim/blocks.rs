@@ -4,12 +4,14 @@
 //! Nothing here depends on how many channels a number has except as a count, so it is compiled once per
 //! kind of register ([`Stepped`]), not once per number type.
 
+use super::axial::axis;
 use super::block_material::{BlockMaterial, Place};
 use super::clamp::KEPT;
 use super::contact::{Footing, Push, push};
 use super::elastic::{Lame, Strained, Straining, StressDifferential};
 use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
+use super::physics::SliceMotion;
 use super::real::Real;
 use super::tensor::{Mat3, Vec3, matadd, zero3};
 use super::transfer::Transfer;
@@ -27,27 +29,23 @@ pub struct Body<L> {
     pub mass_kg: L,
 }
 
-/// Means over the members of a block's slices, in one channel: position, velocity, F e_s, mass.
-pub type Means<L> = [L; MEANS];
-/// Numbers of such means.
-pub const MEANS: usize = 10;
-
-/// Means over the members of a block's slices.
-#[inline(always)]
-pub fn means_of<L: Lanes>(bodies: &[Body<L>]) -> Means<L> {
-    let mut means = [L::zero(); MEANS];
-    for body in bodies {
-        for a in 0..3 {
-            means[a] += body.position_m[a];
-            means[3 + a] += body.velocity_m_s[a];
-            means[6 + a] += body.deformation_gradient[a][0];
+impl<L: Lanes> Body<L> {
+    /// What it brings to the mean motion of its slices.
+    #[inline(always)]
+    fn motion(&self) -> SliceMotion<L> {
+        SliceMotion {
+            position_m: self.position_m,
+            velocity_m_s: self.velocity_m_s,
+            axis: axis(&self.deformation_gradient),
+            mass_kg: self.mass_kg,
         }
-        means[9] += body.mass_kg;
     }
-    for mean in &mut means {
-        *mean = mean.scale(1.0 / bodies.len() as f64);
+
+    /// Mean motion of the members of a block's slices.
+    #[inline(always)]
+    pub fn mean_motion(members: &[Self]) -> SliceMotion<L> {
+        SliceMotion::mean(members.iter().map(Self::motion))
     }
-    means
 }
 
 /// A grip's share in a block.
@@ -83,8 +81,8 @@ pub struct Blocks<L: Lanes> {
     pub rates: Vec<Mat3<L>>,
     /// Force of the laws on each member in that block times the time step, N s, by channel; empty where there is none.
     pub pushed: Vec<Vec3<L>>,
-    /// What the laws know of that block, by channel.
-    pub means: Vec<Means<L>>,
+    /// Mean motion of the slices of that block, by channel; empty where no law asks for it.
+    pub motions: Vec<SliceMotion<L>>,
     /// What laws make of the material.
     pub material: Option<BlockMaterial<L>>,
     /// Shares of grips.
@@ -165,10 +163,10 @@ impl<L: Lanes> Blocks<L> {
                 for channel in 0..self.channels {
                     self.move_bodies(block, channel);
                 }
-                for channel in 0..self.means.len() {
+                for channel in 0..self.motions.len() {
                     let first = self.first(block, channel);
                     let bodies = &self.bodies[first..first + self.transfer.members.len()];
-                    self.means[channel] = means_of(bodies);
+                    self.motions[channel] = Body::mean_motion(bodies);
                 }
             }
             Part::Give(block) => {

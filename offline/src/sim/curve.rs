@@ -1,6 +1,6 @@
 //! A curve in space with frames that do not twist: a guess at the shape of a hanging rope.
 
-use super::tensor::{Mat3, add, cross, dot, norm, scaled, sub};
+use super::tensor::{Mat3, add, cross, direction, dot, norm, scaled, sub};
 
 /// Points at equal steps of arc length with frames whose rows are the tangent and two normals.
 #[derive(Clone, Debug)]
@@ -122,9 +122,8 @@ impl Course {
 }
 
 fn unit(v: [f64; 3]) -> [f64; 3] {
-    let length = norm(v);
-    if length > 0.0 {
-        scaled(v, 1.0 / length)
+    if norm(v) > 0.0 {
+        direction(v)
     } else {
         [0.0, 0.0, -1.0]
     }

@@ -1,9 +1,9 @@
 //! The force laws of a physics applied to the slices of a block. A law knows one piece of rope, so the means of the
 //! lanes are taken out of their registers here, and forces put back.
 
-use super::blocks::{Blocks, MEANS};
+use super::blocks::Blocks;
 use super::lanes::{Instructions, Laned, Lanes, MOST_LANES};
-use super::physics::{ForcePoint, direction};
+use super::physics::{ForcePoint, SliceMotion};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::step::StepContext;
@@ -13,8 +13,8 @@ use super::tensor::{Vec3, scaled, zero3};
 pub struct Laws<B> {
     /// Length of rope of a particle of each slice, m.
     lengths_m: Vec<f64>,
-    /// What the laws know of a block, by channel, lane by lane.
-    means: Vec<[[B; MOST_LANES]; MEANS]>,
+    /// Mean motion of the slices of a block, by channel, lane by lane.
+    motions: Vec<SliceMotion<[B; MOST_LANES]>>,
 }
 
 impl<B: Real> Laws<B> {
@@ -27,7 +27,7 @@ impl<B: Real> Laws<B> {
         let slices = layout.slices.iter();
         Some(Self {
             lengths_m: slices.map(|s| s.length_m / members as f64).collect(),
-            means: vec![[[B::zero(); MOST_LANES]; MEANS]; T::CHANNELS],
+            motions: vec![SliceMotion::zero().map(|zero| [zero; MOST_LANES]); T::CHANNELS],
         })
     }
 
@@ -39,20 +39,14 @@ impl<B: Real> Laws<B> {
         lanes: usize,
         blocks: &mut Blocks<T::Plain<I>>,
     ) {
-        for (means, registers) in self.means.iter_mut().zip(&blocks.means) {
-            *means = registers.map(Lanes::to_lanes);
+        for (motion, registers) in self.motions.iter_mut().zip(&blocks.motions) {
+            *motion = registers.map(Lanes::to_lanes);
         }
         let first = block * <T::Plain<I> as Lanes>::COUNT;
         let mut impulses: [Vec3<T>; MOST_LANES] = [zero3(); MOST_LANES];
         for (lane, impulse) in impulses.iter_mut().enumerate().take(lanes) {
-            let point = ForcePoint {
-                position_m: self.vector(lane, 0),
-                velocity_m_s: self.vector(lane, 3),
-                tangent: direction(self.vector(lane, 6)),
-                length_m: self.lengths_m[first + lane],
-                diameter_m: context.diameter_m,
-                mass_kg: self.number(lane, 9),
-            };
+            let length_m = self.lengths_m[first + lane];
+            let point = ForcePoint::new(&self.motion(lane), length_m, context.diameter_m);
             *impulse = scaled(context.physics.force_n(&point), context.dt_s);
         }
         for (k, pushed) in blocks.pushed.iter_mut().enumerate() {
@@ -62,11 +56,17 @@ impl<B: Real> Laws<B> {
         }
     }
 
-    fn number<T: Laned<Base = B>>(&self, lane: usize, number: usize) -> T {
-        T::from_channels(|k| self.means[k][number][lane])
+    /// Mean motion of one slice, with its derivatives.
+    fn motion<T: Laned<Base = B>>(&self, lane: usize) -> SliceMotion<T> {
+        SliceMotion {
+            position_m: std::array::from_fn(|a| self.number(|motion| motion.position_m[a][lane])),
+            velocity_m_s: std::array::from_fn(|a| self.number(|motion| motion.velocity_m_s[a][lane])),
+            axis: std::array::from_fn(|a| self.number(|motion| motion.axis[a][lane])),
+            mass_kg: self.number(|motion| motion.mass_kg[lane]),
+        }
     }
 
-    fn vector<T: Laned<Base = B>>(&self, lane: usize, first: usize) -> Vec3<T> {
-        std::array::from_fn(|a| self.number(lane, first + a))
+    fn number<T: Laned<Base = B>>(&self, of: impl Fn(&SliceMotion<[B; MOST_LANES]>) -> B) -> T {
+        T::from_channels(|k| of(&self.motions[k]))
     }
 }

@@ -3,9 +3,9 @@
 
 use super::clamp::PathShift;
 use super::elastic::Lame;
-use super::real::Real;
+use super::real::{Arithmetic, Real};
 use super::rope::{RopeLayout, RopeShape};
-use super::tensor::{Mat3, Vec3, add, dot, mul, scaled, zero3};
+use super::tensor::{Mat3, Vec3, add, direction, scaled, zero3};
 
 /// Standard acceleration of free fall, m/s² (CGPM 1901, rounded).
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -53,53 +53,76 @@ pub struct ForcePoint<T> {
     pub mass_kg: T,
 }
 
-/// What a particle brings to the state of its slice.
-#[derive(Clone, Copy)]
-pub struct SliceMember<T> {
+/// Mean motion of the particles of a slice, which is what the laws of a slender rope know of it; or that of one.
+#[derive(Clone, Copy, Debug)]
+pub struct SliceMotion<T> {
     /// Position, m.
     pub position_m: Vec3<T>,
     /// Velocity, m/s.
     pub velocity_m_s: Vec3<T>,
-    /// First column of the deformation gradient.
+    /// F e_s, the first column of the deformation gradient.
     pub axis: Vec3<T>,
     /// Mass, kg.
     pub mass_kg: T,
 }
 
-impl<T: Real> ForcePoint<T> {
-    /// One particle's share of a slice, `length_m` long, with the slice's mean motion.
-    pub fn share_of(
-        members: impl ExactSizeIterator<Item = SliceMember<T>>,
-        length_m: f64,
-        diameter_m: f64,
-    ) -> Self {
-        let share = 1.0 / members.len() as f64;
-        let nothing = SliceMember {
+impl<T> SliceMotion<T> {
+    /// The same with every number replaced.
+    pub fn map<U>(self, mut number: impl FnMut(T) -> U) -> SliceMotion<U> {
+        SliceMotion {
+            position_m: self.position_m.map(&mut number),
+            velocity_m_s: self.velocity_m_s.map(&mut number),
+            axis: self.axis.map(&mut number),
+            mass_kg: number(self.mass_kg),
+        }
+    }
+}
+
+// Loops, not closures: see `elastic.rs`.
+impl<T: Arithmetic> SliceMotion<T> {
+    /// No mass, at the origin.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self {
             position_m: zero3(),
             velocity_m_s: zero3(),
             axis: zero3(),
             mass_kg: T::zero(),
-        };
-        let sum = members.fold(nothing, |sum, member| SliceMember {
-            position_m: add(sum.position_m, member.position_m),
-            velocity_m_s: add(sum.velocity_m_s, member.velocity_m_s),
-            axis: add(sum.axis, member.axis),
-            mass_kg: sum.mass_kg + member.mass_kg,
-        });
+        }
+    }
+
+    /// The mean of some.
+    #[inline(always)]
+    pub fn mean(members: impl ExactSizeIterator<Item = Self>) -> Self {
+        let share = 1.0 / members.len() as f64;
+        let mut sum = Self::zero();
+        for member in members {
+            sum.position_m = add(sum.position_m, member.position_m);
+            sum.velocity_m_s = add(sum.velocity_m_s, member.velocity_m_s);
+            sum.axis = add(sum.axis, member.axis);
+            sum.mass_kg += member.mass_kg;
+        }
         Self {
             position_m: scaled(sum.position_m, share),
             velocity_m_s: scaled(sum.velocity_m_s, share),
-            tangent: direction(sum.axis),
-            length_m,
-            diameter_m,
+            axis: scaled(sum.axis, share),
             mass_kg: sum.mass_kg.scale(share),
         }
     }
 }
 
-/// v/|v|.
-pub(super) fn direction<T: Real>(v: Vec3<T>) -> Vec3<T> {
-    mul(v, T::one() / dot(v, v).sqrt())
+impl<T: Real> ForcePoint<T> {
+    /// A piece of rope, `length_m` long, that moves like its slice.
+    pub fn new(motion: &SliceMotion<T>, length_m: f64, diameter_m: f64) -> Self {
+        Self {
+            position_m: motion.position_m,
+            velocity_m_s: motion.velocity_m_s,
+            tangent: direction(motion.axis),
+            length_m,
+            diameter_m,
+            mass_kg: motion.mass_kg,
+        }
+    }
 }
 
 /// A stress along the rope's axis that grows with the cube of the strain: see [`super::axial`].

@@ -9,7 +9,7 @@ use super::real::Arithmetic;
 use super::rollout::perpendicular;
 use super::rope::{RopeLayout, RopeShape, Sampling};
 use super::start::Start;
-use super::tensor::sub;
+use super::tensor::{self, sub};
 use crate::demo::{Demo, RopeEnd};
 use shared::profile::{LineProfile, MotionLimits};
 use shared::task::SwingTask;
@@ -150,7 +150,7 @@ impl Scene {
                 ),
             })
             .collect();
-        let direction = normalised(spec.rope.direction);
+        let direction = tensor::direction(spec.rope.direction);
         let start_m = match grips.first() {
             Some(grip) => {
                 let p = &grip.path.knots()[0].pose;
@@ -588,9 +588,4 @@ fn knot(t_s: f64, p: [f64; 3], v: [f64; 3], closed: bool) -> Knot {
         rate: [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0],
         closed,
     }
-}
-
-fn normalised(v: [f64; 3]) -> [f64; 3] {
-    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
-    v.map(|c| c / length)
 }

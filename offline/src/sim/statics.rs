@@ -17,7 +17,7 @@ use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::material::Material;
-use super::physics::{ForcePoint, Physics, SliceMember};
+use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::real::Real;
 use super::rollout::{grip_motions, masses_kg, mouths};
 use super::rope::RopeLayout;
@@ -349,14 +349,15 @@ impl<'a, T: Real> Statics<'a, T> {
             return zero3();
         }
         let members = slice.iter().zip(&self.masses_kg[first..]);
-        let members = members.map(|((position_m, f), &mass_kg)| SliceMember {
+        let members = members.map(|((position_m, f), &mass_kg)| SliceMotion {
             position_m: *position_m,
             velocity_m_s: zero3(),
             axis: axis(f),
             mass_kg,
         });
         let length_m = self.layout.particle_length_m(first);
-        let point = ForcePoint::share_of(members, length_m, self.scene.rope.diameter_m);
+        let mean = SliceMotion::mean(members);
+        let point = ForcePoint::new(&mean, length_m, self.scene.rope.diameter_m);
         self.physics.force_n(&point)
     }
 

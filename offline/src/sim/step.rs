@@ -7,7 +7,7 @@ use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::material::{Material, Motion};
-use super::physics::{ForcePoint, Physics, SliceMember};
+use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::real::{Arithmetic, Real};
 use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, mul, scaled, sub, zero3};
@@ -190,13 +190,13 @@ fn add_momentum<T: Real>(particle: &Particle<T>, share: f64, field: &mut Impulse
 
 /// Sum of the force laws on each particle of a slice, N.
 fn force_of_laws<T: Real>(slice: &[Particle<T>], context: &StepContext<T>) -> Vec3<T> {
-    let members = slice.iter().map(|particle| SliceMember {
+    let members = slice.iter().map(|particle| SliceMotion {
         position_m: particle.position_m,
         velocity_m_s: particle.velocity_m_s,
         axis: axis(&particle.deformation_gradient),
         mass_kg: particle.mass_kg,
     });
-    let point = ForcePoint::share_of(members, slice[0].length_m, context.diameter_m);
+    let point = ForcePoint::new(&SliceMotion::mean(members), slice[0].length_m, context.diameter_m);
     context.physics.force_n(&point)
 }
 

@@ -7,7 +7,7 @@
 //! every tangent.
 
 use super::block_material::{BlockMaterial, moduli};
-use super::blocks::{Blocks, Body, GripMotion, Held, MEANS, Part, Stepped};
+use super::blocks::{Blocks, Body, GripMotion, Held, Part, Stepped};
 use super::clamp::RigidMotion;
 use super::contact::Footing;
 use super::elastic::{Lame, fused_dot};
@@ -19,6 +19,7 @@ use super::laws::Laws;
 use super::legs::Placed;
 use super::material::Material;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, NodeMasses, Rows, Update, update};
+use super::physics::SliceMotion;
 use super::real::{Arithmetic, Real};
 use super::rope::RopeLayout;
 use super::step::{Particle, StepContext, inverted_or_not_finite};
@@ -149,7 +150,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 bodies,
                 rates: vec![[[zero; 3]; 3]; T::CHANNELS * members],
                 pushed: vec![zero3(); channels_of_laws],
-                means: vec![[zero; MEANS]; channels_of_laws],
+                motions: vec![SliceMotion::zero(); channels_of_laws],
                 material: BlockMaterial::new::<T, I>(context, &material, [transfer.blocks(), members], dx),
                 held,
                 stress_scales,

@@ -71,6 +71,12 @@ pub fn norm<T: Arithmetic>(a: Vec3<T>) -> T {
     dot(a, a).sqrt()
 }
 
+/// a/|a|; not finite at a = 0.
+#[inline(always)]
+pub fn direction<T: Arithmetic>(a: Vec3<T>) -> Vec3<T> {
+    mul(a, T::one() / norm(a))
+}
+
 /// Identity matrix.
 #[inline(always)]
 pub fn identity<T: Arithmetic>() -> Mat3<T> {

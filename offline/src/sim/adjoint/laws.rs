@@ -4,9 +4,9 @@ use super::Precision;
 use super::state::StateCotangent;
 use super::var::{Session, Var};
 use crate::sim::axial;
-use crate::sim::blocks::{Body, MEANS, means_of};
+use crate::sim::blocks::Body;
 use crate::sim::lanes::{Instructions, Lanes, MOST_LANES};
-use crate::sim::physics::{ForcePoint, direction};
+use crate::sim::physics::{ForcePoint, SliceMotion};
 use crate::sim::real::{Arithmetic, Real};
 use crate::sim::rollout::Setup;
 use crate::sim::tensor::{Mat3, Vec3};
@@ -28,17 +28,17 @@ impl Tape<'_> {
         stress: &Mat3<F::Plain<I>>,
         bar: &mut StateCotangent<F::Plain<I>>,
     ) {
-        let numbers = axial::axis(f).map(values);
+        let axes = [axial::axis(f).map(values)];
         let seeds = axial::axis(stress).map(values);
-        let bars = self.pulled_back::<F, I, 3>(block, &numbers, &seeds, |axis, _| {
+        let [of_axis] = self.pulled_back::<F, I, 1>(block, &axes, &seeds, |[axis], _| {
             let context = &self.vars.context;
             match context.physics.cubic_pa(&context.lame) {
-                Some(cubic_pa) => axial::piola_column(*axis, cubic_pa),
-                None => *axis,
+                Some(cubic_pa) => axial::piola_column(axis, cubic_pa),
+                None => axis,
             }
         });
         for a in 0..3 {
-            bar.deformation_gradient[a][0] += register::<F, I>(&bars[a], 1.0);
+            bar.deformation_gradient[a][0] += register::<F, I>(&of_axis[a], 1.0);
         }
     }
 
@@ -51,59 +51,56 @@ impl Tape<'_> {
         force: Vec3<F::Plain<I>>,
         bars: &mut [StateCotangent<F::Plain<I>>],
     ) {
-        let means = means_of(bodies).map(values);
-        // Masses depend on the parameters, so they are on the tape already.
-        let motion: [[f64; MOST_LANES]; MEANS - 1] = std::array::from_fn(|n| means[n]);
-        let of_means =
-            self.pulled_back::<F, I, { MEANS - 1 }>(block, &motion, &force.map(values), |inputs, slice| {
-                let vector = |first: usize| -> Vec3<Var> { std::array::from_fn(|k| inputs[first + k]) };
-                let masses = slice * bodies.len()..(slice + 1) * bodies.len();
-                let mass_kg = self.vars.masses_kg[masses.clone()].iter();
-                let point = ForcePoint {
-                    position_m: vector(0),
-                    velocity_m_s: vector(3),
-                    tangent: direction(vector(6)),
-                    length_m: self.vars.layout.particle_length_m(masses.start),
-                    diameter_m: self.vars.context.diameter_m,
-                    mass_kg: mass_kg
-                        .fold(Var::of(0.0), |sum, &m| sum + m)
-                        .scale(1.0 / bodies.len() as f64),
-                };
-                self.vars.context.physics.force_n(&point)
-            });
+        let mean = Body::mean_motion(bodies).map(values);
         let share = 1.0 / bodies.len() as f64;
-        let of_members: [F::Plain<I>; MEANS - 1] =
-            std::array::from_fn(|n| register::<F, I>(&of_means[n], share));
+        let read = [mean.position_m, mean.velocity_m_s, mean.axis];
+        let law = |[position_m, velocity_m_s, axis]: [Vec3<Var>; 3], slice: usize| {
+            let members = slice * bodies.len()..(slice + 1) * bodies.len();
+            let length_m = self.vars.layout.particle_length_m(members.start);
+            // Masses depend on the parameters, so they are on the tape already.
+            let masses_kg = self.vars.masses_kg[members].iter();
+            let motion = SliceMotion {
+                position_m,
+                velocity_m_s,
+                axis,
+                mass_kg: masses_kg.fold(Var::of(0.0), |sum, &m| sum + m).scale(share),
+            };
+            let point = ForcePoint::new(&motion, length_m, self.vars.context.diameter_m);
+            self.vars.context.physics.force_n(&point)
+        };
+        let of_mean = self.pulled_back::<F, I, 3>(block, &read, &force.map(values), law);
+        let [of_position, of_velocity, of_axis] =
+            of_mean.map(|bars| bars.map(|bar| register::<F, I>(&bar, share)));
         for bar in bars {
             for a in 0..3 {
-                bar.position[a] += of_members[a];
-                bar.velocity[a] += of_members[3 + a];
-                bar.deformation_gradient[a][0] += of_members[6 + a];
+                bar.position[a] += of_position[a];
+                bar.velocity[a] += of_velocity[a];
+                bar.deformation_gradient[a][0] += of_axis[a];
             }
         }
     }
 
-    /// Derivatives with respect to what a law reads, lane by lane, from those with respect to what it gives. The law
-    /// hears the slice, too.
+    /// Derivatives with respect to the vectors that a law reads, lane by lane, from those with respect to what it
+    /// gives. The law hears the slice, too.
     fn pulled_back<F: Precision, I: Instructions, const N: usize>(
         &self,
         block: usize,
-        numbers: &[[f64; MOST_LANES]; N],
-        seeds: &[[f64; MOST_LANES]; 3],
-        law: impl Fn(&[Var; N], usize) -> Vec3<Var>,
-    ) -> [[f64; MOST_LANES]; N] {
+        read: &[Vec3<[f64; MOST_LANES]>; N],
+        seeds: &Vec3<[f64; MOST_LANES]>,
+        law: impl Fn([Vec3<Var>; N], usize) -> Vec3<Var>,
+    ) -> [Vec3<[f64; MOST_LANES]>; N] {
         let count = <F::Plain<I> as Lanes>::COUNT;
         let session = self.session;
-        let mut bars = [[0.0; MOST_LANES]; N];
+        let mut bars = [[[0.0; MOST_LANES]; 3]; N];
         for lane in 0..count.min(self.vars.layout.slices.len() - block * count) {
             let mark = session.mark();
-            let inputs: [Var; N] = std::array::from_fn(|n| session.input(numbers[n][lane]));
-            let given = law(&inputs, block * count + lane);
+            let inputs = read.map(|vector| vector.map(|lanes| session.input(lanes[lane])));
+            let given = law(inputs, block * count + lane);
             for (var, seed) in given.iter().zip(seeds) {
                 session.seed(*var, seed[lane]);
             }
             session.sweep(mark);
-            for (bar, &input) in bars.iter_mut().zip(&inputs) {
+            for (bar, &input) in bars.iter_mut().flatten().zip(inputs.iter().flatten()) {
                 bar[lane] = session.adjoint(input);
             }
             session.rewind(mark);
