@@ -9,7 +9,8 @@
 
 use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::FlowLaw;
-use crate::sim::tensor::{Mat3, dot, identity, matmul, transpose, transpose_inverse};
+use crate::sim::real::Float;
+use crate::sim::tensor::{Mat3, dot, identity, transpose, transpose_inverse};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -35,44 +36,55 @@ struct Yield<T> {
     one_over_strain: T,
 }
 
-/// Terms of the logarithm's series: enough for stretches up to 1.4 in double precision's ninth digit.
+/// Most terms of the logarithm's series: enough for stretches up to 1.4 in double precision's ninth digit.
 const LOGARITHM_TERMS: usize = 7;
-/// Terms of the exponential's series.
+/// Most terms of the exponential's series.
 const EXPONENTIAL_TERMS: usize = 8;
+/// Most of ε_eq over |C − I|_F: √(2/3)/2 times the most of |ln c| over |c − 1|, 1.40, for stretches from 0.7 to 1.4.
+const MOST_PER_DISTANCE: f64 = 0.6;
 
 impl<T: Real> FlowLaw<T> for Yield<T> {
+    fn onset(&self) -> f64 {
+        1.0 / (MOST_PER_DISTANCE * self.one_over_strain.value())
+    }
+
     fn relaxation(&self, elastic: &Mat3<T>) -> Option<Mat3<T>> {
-        let c = matmul(&transpose(elastic), elastic);
-        // Cheap bound: ε_eq ≤ |C − I|_F below stretches of 1.4 and above 0.7.
-        let inverse = self.one_over_strain.value();
-        if (distance_from_identity(&c) * inverse) < 1.0 {
+        let columns = transpose(elastic);
+        let c = symmetric(|i, j| dot(columns[i], columns[j]));
+        if distance_from_identity(&c) < self.onset() {
             return None;
         }
-        let mut strain = scaled(&logarithm(&c), 0.5);
-        let mean = (strain[0][0] + strain[1][1] + strain[2][2]).scale(1.0 / 3.0);
-        for k in 0..3 {
-            strain[k][k] -= mean;
-        }
-        let square = dot(strain[0], strain[0]) + dot(strain[1], strain[1]) + dot(strain[2], strain[2]);
-        let equivalent = square.scale(2.0 / 3.0).sqrt();
-        if equivalent.value() * inverse <= 1.0 {
+        // Derivatives are dear, and wanted of what flows alone.
+        let (_, equivalent) = deviator(&c.map(|row| row.map(|x| T::base(x.value()))));
+        if equivalent.value() * self.one_over_strain.value() <= 1.0 {
             return None;
         }
+        let (strain, equivalent) = deviator(&c);
         let excess = T::one() - T::one() / (equivalent * self.one_over_strain);
         let back = strain.map(|row| row.map(|x| -(x * excess)));
         Some(exponential(&back))
     }
 }
 
-fn distance_from_identity<T: Real>(c: &Mat3<T>) -> f64 {
-    let mut square = 0.0;
-    for a in 0..3 {
-        for b in 0..3 {
-            let one = if a == b { 1.0 } else { 0.0 };
-            square += (c[a][b].value() - one).powi(2);
-        }
+/// dev H and ε_eq.
+fn deviator<T: Real>(c: &Mat3<T>) -> (Mat3<T>, T) {
+    let mut strain = scaled(&logarithm(c), 0.5);
+    let mean = (strain[0][0] + strain[1][1] + strain[2][2]).scale(1.0 / 3.0);
+    for k in 0..3 {
+        strain[k][k] -= mean;
     }
-    square.sqrt()
+    let square = dot(strain[0], strain[0]) + dot(strain[1], strain[1]) + dot(strain[2], strain[2]);
+    (strain, square.scale(2.0 / 3.0).sqrt())
+}
+
+fn distance_from_identity<T: Real>(c: &Mat3<T>) -> f64 {
+    size(&plus(c, &scaled(&identity(), -1.0)))
+}
+
+/// Frobenius norm.
+fn size<T: Real>(m: &Mat3<T>) -> f64 {
+    let squares = m.iter().flatten().map(|x| x.value().powi(2));
+    squares.sum::<f64>().sqrt()
 }
 
 fn scaled<T: Real>(m: &Mat3<T>, factor: f64) -> Mat3<T> {
@@ -83,26 +95,49 @@ fn plus<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
     std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
 }
 
-/// Gregory's series of ln C for a symmetric C near the identity (Higham, Functions of Matrices, 11.3).
+/// A symmetric matrix from its entries in and above the diagonal.
+fn symmetric<T: Real>(entry: impl Fn(usize, usize) -> T) -> Mat3<T> {
+    let (xy, xz, yz) = (entry(0, 1), entry(0, 2), entry(1, 2));
+    [
+        [entry(0, 0), xy, xz],
+        [xy, entry(1, 1), yz],
+        [xz, yz, entry(2, 2)],
+    ]
+}
+
+/// A B of symmetric matrices that commute.
+fn product<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
+    symmetric(|i, j| dot(a[i], b[j]))
+}
+
+/// Gregory's series of ln C for a symmetric C near the identity (Higham, Functions of Matrices, 11.3), as far as its
+/// terms and their derivatives can be told from nothing.
 fn logarithm<T: Real>(c: &Mat3<T>) -> Mat3<T> {
     let one = identity();
     // The inverse of a symmetric matrix is its own transpose.
-    let x = matmul(&plus(c, &scaled(&one, -1.0)), &transpose_inverse(&plus(c, &one)));
-    let square = matmul(&x, &x);
-    let mut power = x;
-    let mut sum = x;
+    let x = product(&plus(c, &scaled(&one, -1.0)), &transpose_inverse(&plus(c, &one)));
+    let square = product(&x, &x);
+    let (mut power, mut sum, mut share) = (x, x, 1.0);
     for k in 1..LOGARITHM_TERMS {
-        power = matmul(&power, &square);
+        share *= size(&square);
+        if share < T::Base::EPSILON {
+            break;
+        }
+        power = product(&power, &square);
         sum = plus(&sum, &scaled(&power, 1.0 / (2 * k + 1) as f64));
     }
     scaled(&sum, 2.0)
 }
 
+/// The exponential's series of a symmetric matrix, as far as its terms and their derivatives can be told from nothing.
 fn exponential<T: Real>(m: &Mat3<T>) -> Mat3<T> {
-    let mut term = identity();
-    let mut sum = identity();
-    for k in 1..=EXPONENTIAL_TERMS {
-        term = scaled(&matmul(&term, m), 1.0 / k as f64);
+    let (mut term, mut sum, mut share) = (*m, plus(&identity(), m), 1.0);
+    for k in 2..=EXPONENTIAL_TERMS {
+        share *= size(m) / (k - 1) as f64;
+        if share < T::Base::EPSILON {
+            break;
+        }
+        term = scaled(&product(&term, m), 1.0 / k as f64);
         sum = plus(&sum, &term);
     }
     sum

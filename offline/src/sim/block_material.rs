@@ -1,11 +1,12 @@
-//! The material of a block of particles in registers: what [`super::material`] does one particle after the other,
-//! but for plastic flow. Channel 0 holds values, the others their differentials; letters as there.
+//! The material of a block of particles in registers: what [`super::material`] does one particle after the other;
+//! plastic flow is [`super::flow`]. Channel 0 holds values, the others their differentials; letters as there.
 //!
 //! A = diag(a, 1, 1) and det(A)⁻¹ = 1/a, so that P_e Aᵀ/a has the first column of P_e, and the others over a.
 
 use super::axial::{Stretched, add_column, axis};
 use super::blocks::Body;
 use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, times};
+use super::flow::Flowed;
 use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::material::{Material, remembered};
 use super::physics::MemoryLaw;
@@ -79,8 +80,10 @@ pub struct Place {
 pub struct BlockMaterial<L> {
     channels: usize,
     members: usize,
-    /// By block, channel, member; empty where the rope is straight at rest.
+    /// By block, channel, member; empty where the rope is straight at rest, or flows.
     rest: Vec<Rest<L>>,
+    /// The shapes of a rope that flows.
+    pub(super) flowed: Option<Flowed<L>>,
     /// c by block and channel; empty where no law changes it.
     bending: Vec<L>,
     elements: Vec<Element<L>>,
@@ -112,6 +115,8 @@ impl<L: Lanes> BlockMaterial<L> {
         let lanes = |k: usize, of_lane: &dyn Fn(usize) -> Option<T>| {
             L::from_lanes(|lane| of_lane(lane).unwrap_or(T::one()).channel(k))
         };
+        let flows = !physics.flow_laws.is_empty();
+        let bends_alone = !physics.shape_laws.is_empty() && !flows;
         let (mut rest, mut bending) = (Vec::new(), Vec::new());
         for block in 0..blocks {
             for k in 0..T::CHANNELS {
@@ -119,8 +124,11 @@ impl<L: Lanes> BlockMaterial<L> {
                 if !physics.bending_laws.is_empty() {
                     bending.push(lanes(k, &|lane| material.bending(slice(lane))));
                 }
-                for member in 0..members * usize::from(!physics.shape_laws.is_empty()) {
-                    let inverse = |lane: usize| material.unstretched(slice(lane) * members + member);
+                for member in 0..members * usize::from(bends_alone) {
+                    let inverse = |lane: usize| {
+                        let own = material.natural_inverse(slice(lane) * members + member);
+                        own.map(|a| a[0][0])
+                    };
                     rest.push(Rest {
                         inverse: lanes(k, &inverse),
                         stretch: lanes(k, &|lane| Some(T::one() / inverse(lane)?)),
@@ -133,6 +141,7 @@ impl<L: Lanes> BlockMaterial<L> {
             channels: T::CHANNELS,
             members,
             rest,
+            flowed: flows.then(|| Flowed::new::<T, I>(&physics.flow_laws, material, [blocks, members])),
             bending,
             elements: elements
                 .map(|law| Element::new::<T, I>(&**law, context, [blocks, members], spacing_m))
@@ -153,6 +162,13 @@ impl<L: Lanes> BlockMaterial<L> {
     /// F A, or its differential; `value` is that of the member's channel 0.
     #[inline(always)]
     fn elastic(&self, place: Place, f: &Mat3<L>, value: &Mat3<L>) -> Mat3<L> {
+        if let Some(flowed) = &self.flowed {
+            return if place.channel == 0 {
+                flowed.elastic(place, f)
+            } else {
+                flowed.change_of_elastic(place, [value, f])
+            };
+        }
         if self.rest.is_empty() {
             return *f;
         }
@@ -219,7 +235,7 @@ impl<L: Lanes> BlockMaterial<L> {
         Strained::new(&self.elastic(place, f, f))
     }
 
-    /// First Piola-Kirchhoff stress of elasticity, Pa, in channel 0.
+    /// First Piola-Kirchhoff stress of elasticity and along the axis, Pa, in channel 0.
     #[inline(always)]
     pub fn stress(&mut self, place: Place, strained: &Strained<L>, lame: &Lame<L>) -> Mat3<L> {
         let own = strained.piola_stress(lame);
@@ -227,6 +243,14 @@ impl<L: Lanes> BlockMaterial<L> {
         let mut stress = own;
         if !self.bending.is_empty() {
             stress = product(&own, self.bending[place.block * self.channels]);
+        }
+        if !self.cubic_pa.is_empty() {
+            let stretched = Stretched::new(axis(strained.gradient()));
+            add_column(&mut stress, stretched.column(self.cubic_pa[0]));
+            self.stretched[place.member] = stretched;
+        }
+        if let Some(flowed) = &self.flowed {
+            return flowed.stress(place, &stress, &self.common_pa[0]);
         }
         if !self.rest.is_empty() {
             stress = columns_times(&stress, 1..3, self.rest[self.at(place)].stretch);
@@ -256,13 +280,24 @@ impl<L: Lanes> BlockMaterial<L> {
         [f, df]: [&Mat3<L>; 2],
         dlame: &Lame<L>,
     ) -> Mat3<L> {
-        let mut change = differential.of(&self.elastic(place, df, f), dlame);
+        let elastic = self.elastic(place, df, f);
+        let mut change = differential.of(&elastic, dlame);
         let mut value = self.stresses[place.member];
         let first = place.block * self.channels;
         if !self.bending.is_empty() {
             let c = self.bending[first];
             change = plus(&product(&change, c), &value, self.bending[first + place.channel]);
             value = product(&value, c);
+        }
+        if !self.cubic_pa.is_empty() {
+            let stretched = &self.stretched[place.member];
+            let cubic_pa = [self.cubic_pa[0], self.cubic_pa[place.channel]];
+            add_column(&mut change, stretched.change(axis(&elastic), cubic_pa));
+            add_column(&mut value, stretched.column(cubic_pa[0]));
+        }
+        if let Some(flowed) = &self.flowed {
+            let commons = [&self.common_pa[0], &self.common_pa[place.channel]];
+            return flowed.change_of_stress(place, [&value, &change], commons);
         }
         let mut common = self.common_pa[place.channel];
         if !self.rest.is_empty() {
@@ -279,29 +314,6 @@ impl<L: Lanes> BlockMaterial<L> {
             return change;
         }
         matadd(&change, &common)
-    }
-
-    /// Adds the stress along the axis of a member in channel 0.
-    #[inline(always)]
-    pub fn stiffen(&mut self, place: Place, f: &Mat3<L>, pk1: &mut Mat3<L>) {
-        if self.cubic_pa.is_empty() {
-            return;
-        }
-        // P_e Aᵀ/a has the first column of P_e.
-        let stretched = Stretched::new(axis(&self.elastic(place, f, f)));
-        add_column(pk1, stretched.column(self.cubic_pa[0]));
-        self.stretched[place.member] = stretched;
-    }
-
-    /// The same in another channel, after channel 0; a deformation gradient with its differential.
-    #[inline(always)]
-    pub fn change_of_stiffening(&self, place: Place, [f, df]: [&Mat3<L>; 2], pk1: &mut Mat3<L>) {
-        if self.cubic_pa.is_empty() {
-            return;
-        }
-        let change = axis(&self.elastic(place, df, f));
-        let cubic_pa = [self.cubic_pa[0], self.cubic_pa[place.channel]];
-        add_column(pk1, self.stretched[place.member].change(change, cubic_pa));
     }
 
     /// Lets a member remember its rate of strain, and adds the stress that follows it, in channel 0.
@@ -368,7 +380,7 @@ fn columns_times<L: Lanes>(m: &Mat3<L>, columns: Range<usize>, c: L) -> Mat3<L> 
 
 /// A + B c.
 #[inline(always)]
-fn plus<L: Lanes>(a: &Mat3<L>, b: &Mat3<L>, c: L) -> Mat3<L> {
+pub(super) fn plus<L: Lanes>(a: &Mat3<L>, b: &Mat3<L>, c: L) -> Mat3<L> {
     let mut sum = *a;
     for i in 0..3 {
         for j in 0..3 {

@@ -163,6 +163,7 @@ impl<L: Lanes> Blocks<L> {
                 for channel in 0..self.channels {
                     self.move_bodies(block, channel);
                 }
+                self.measure(block);
                 for channel in 0..self.motions.len() {
                     let first = self.first(block, channel);
                     let bodies = &self.bodies[first..first + self.transfer.members.len()];
@@ -245,7 +246,6 @@ impl<L: Lanes> Blocks<L> {
             };
             let mut pk1 = matadd(&change, &viscous);
             if let Some(material) = &mut material {
-                material.change_of_stiffening(place, [at[0], f], &mut pk1);
                 material.remember_change(place, straining, [at, [f, rate]], &mut pk1);
             }
             return Ok(pk1);
@@ -269,10 +269,22 @@ impl<L: Lanes> Blocks<L> {
         };
         let mut pk1 = matadd(&elastic, &straining.piola_stress(f));
         if let Some(material) = &mut material {
-            material.stiffen(place, f, &mut pk1);
             material.remember(place, &straining, f, &mut pk1);
         }
         Ok(pk1)
+    }
+
+    /// Takes down how far the members of a block are strained, where they may flow.
+    #[inline(always)]
+    fn measure(&mut self, block: usize) {
+        let first = self.first(block, 0);
+        if let Some(flowed) = self
+            .material
+            .as_mut()
+            .and_then(|material| material.flowed.as_mut())
+        {
+            flowed.measure(block, &self.bodies[first..first + self.transfer.members.len()]);
+        }
     }
 
     /// Takes down what the members of the slices of a block have in common.

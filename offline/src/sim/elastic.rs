@@ -66,6 +66,12 @@ impl<T: Arithmetic> Strained<T> {
         }
     }
 
+    /// The deformation gradient.
+    #[inline(always)]
+    pub(super) fn gradient(&self) -> &Mat3<T> {
+        &self.f
+    }
+
     /// Σ c ∂P/∂μ and Σ c ∂P/∂λ.
     #[inline(always)]
     pub fn by_moduli(&self, c: &Mat3<T>) -> [T; 2] {

@@ -146,9 +146,9 @@ impl<T: Real> Material<T> {
         (shape, bending.map_or(1.0, |c| c.value()))
     }
 
-    /// One over the stretch along the rope at which a particle is free of stress, where nothing has flowed.
-    pub(super) fn unstretched(&self, index: usize) -> Option<T> {
-        self.natural_inverse.get(index).map(|a| a[0][0])
+    /// The stress-free shape's A of a particle; none where it is straight and nothing flows.
+    pub(super) fn natural_inverse(&self, index: usize) -> Option<&Mat3<T>> {
+        self.natural_inverse.get(index)
     }
 
     /// Bending stiffness c of a slice; none where no law changes any.

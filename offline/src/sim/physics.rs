@@ -174,6 +174,8 @@ pub trait BendingLaw<T: Real>: Send + Sync {
 
 /// A permanent change of the stress-free shape.
 pub trait FlowLaw<T: Real>: Send + Sync {
+    /// Frobenius norm of FᵀF − I, of an elastic deformation gradient F, below which nothing flows: cheap to tell.
+    fn onset(&self) -> f64;
     /// The factor Y that brings an elastic deformation gradient F back to an admissible one, F Y;
     /// none where F is admissible.
     fn relaxation(&self, elastic: &Mat3<T>) -> Option<Mat3<T>>;

@@ -100,9 +100,8 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    // Registers know no plastic flow, which strikes few particles at a time.
     // The first velocities of a start in motion stand at the grid's nodes in their plain order.
-    if !physics.flow_laws.is_empty() || matches!(scene.start, Start::Moving(_)) {
+    if matches!(scene.start, Start::Moving(_)) {
         return simulate_one_by_one(scene, physics);
     }
     #[cfg(target_arch = "x86_64")]

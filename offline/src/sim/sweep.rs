@@ -13,6 +13,7 @@ use super::contact::Footing;
 use super::elastic::{Lame, fused_dot};
 use super::engine::Engine;
 use super::error::Cause;
+use super::flow::flow;
 use super::grid::GridSpec;
 use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::laws::Laws;
@@ -187,8 +188,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         self.blocks.carried = decay * context.forgotten;
         for block in 0..self.blocks.transfer.blocks() {
             self.part(block, &Part::Move(block))?;
+            let lanes = (self.slices - block * Self::COUNT).min(Self::COUNT);
+            flow::<T, I>(context, block, lanes, &mut self.blocks);
             if let Some(laws) = &mut self.laws {
-                let lanes = (self.slices - block * Self::COUNT).min(Self::COUNT);
                 laws.evaluate::<T, I>(context, block, lanes, &mut self.blocks);
             }
             self.part(block, &Part::Give(block))?;

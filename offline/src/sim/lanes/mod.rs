@@ -66,6 +66,15 @@ pub trait Lanes: Arithmetic + Channels<Self> {
         unsafe { *std::ptr::from_ref(self).cast::<Self::Scalar>().add(index) }
     }
 
+    /// Writes one lane, to memory.
+    #[inline(always)]
+    fn set_lane(&mut self, index: usize, value: Self::Scalar) {
+        const { assert!(size_of::<Self>() == Self::COUNT * size_of::<Self::Scalar>()) };
+        assert!(index < Self::COUNT);
+        // SAFETY: as in [`Self::lane`].
+        unsafe { *std::ptr::from_mut(self).cast::<Self::Scalar>().add(index) = value }
+    }
+
     /// The lanes; those beyond [`Self::COUNT`] are zero.
     #[inline(always)]
     fn to_lanes(self) -> [Self::Scalar; MOST_LANES] {
