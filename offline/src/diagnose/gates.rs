@@ -3,7 +3,7 @@
 use super::round::Refit;
 use super::rounds::LoopOptions;
 use super::score::Score;
-use crate::effects;
+use crate::effects::{self, EffectSpec, ParameterSpec};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
@@ -86,6 +86,7 @@ pub(super) fn statistical_gates(
             ),
         ),
         physical_value(spec, &refit.parameters),
+        off_nothing(spec, &refit.parameters),
         Gate::new(
             "explained share",
             removed.min(held_removed) >= options.smallest_share,
@@ -98,8 +99,9 @@ pub(super) fn statistical_gates(
     ]
 }
 
-/// Name of the gate that an effect may fail while another cause is still missing: its value then makes up for that.
-pub(super) const PHYSICAL_VALUE: &str = "physical value";
+/// Name of the gate that an effect may fail while another cause is still missing: what that does to the rope makes
+/// the standard error large.
+pub(super) const OFF_NOTHING: &str = "off nothing";
 
 /// Whether every effect of a model has a physical value.
 pub(super) fn all_physical(structure: &Structure, all: &[Estimate]) -> bool {
@@ -108,40 +110,34 @@ pub(super) fn all_physical(structure: &Structure, all: &[Estimate]) -> bool {
         let spec = &effects::ALL[effect];
         let (own, others) = rest.split_at(spec.parameters.len());
         rest = others;
-        physical_value(spec, own).passed
+        physical_value(spec, own).passed && off_nothing(spec, own).passed
     })
 }
 
-/// The value must lie inside its physical range and differ from nothing.
-fn physical_value(spec: &effects::EffectSpec, estimates: &[Estimate]) -> Gate {
+/// The value must lie inside its physical range.
+fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
     // A parameter may stay where it vanishes: another parameter then carries the effect.
-    let inside = spec
-        .parameters
-        .iter()
-        .zip(estimates)
-        .all(|(p, e)| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at);
-    let sized = spec
-        .parameters
-        .iter()
-        .zip(estimates)
-        .any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
-    Gate::new(
-        PHYSICAL_VALUE,
-        inside && sized,
-        format!(
-            "{}, {}",
-            if inside {
-                "inside its physical range"
-            } else {
-                "at or beyond its physical range"
-            },
-            if sized {
-                "more than two standard errors from nothing"
-            } else {
-                "within two standard errors of nothing"
-            }
-        ),
-    )
+    let within =
+        |p: &ParameterSpec, e: &Estimate| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at;
+    let inside = spec.parameters.iter().zip(estimates).all(|(p, e)| within(p, e));
+    let told = if inside {
+        "inside its physical range"
+    } else {
+        "at or beyond its physical range"
+    };
+    Gate::new("physical value", inside, told.into())
+}
+
+/// The value must differ from nothing.
+fn off_nothing(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
+    let mut pairs = spec.parameters.iter().zip(estimates);
+    let sized = pairs.any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error);
+    let told = if sized {
+        "more than two standard errors from nothing"
+    } else {
+        "within two standard errors of nothing"
+    };
+    Gate::new(OFF_NOTHING, sized, told.into())
 }
 
 /// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it. Where an effect saturates,

@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::{WHITE_FLOORS, excess_mm};
-use super::gates::{Gate, PHYSICAL_VALUE, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, OFF_NOTHING, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -38,10 +38,10 @@ pub struct Refit {
 }
 
 impl Refit {
-    fn only_its_value_fails(&self) -> bool {
+    fn fails_only_off_nothing(&self) -> bool {
         self.gates
             .iter()
-            .all(|gate| gate.passed || gate.name == PHYSICAL_VALUE)
+            .all(|gate| gate.passed || gate.name == OFF_NOTHING)
     }
 }
 
@@ -103,7 +103,8 @@ impl Standing {
 pub(super) enum Found {
     /// A model with one more effect that passed every gate.
     Accepted(Standing),
-    /// The best of those whose value alone is not physical: another cause may be missing beside it.
+    /// The best of those that fail because their value cannot be told from nothing: another cause may be missing
+    /// beside it.
     InCompany(Standing),
     /// Nothing.
     Nothing,
@@ -180,7 +181,7 @@ fn choose(
                 best.rivals.push(refit.id.clone());
             }
             Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
-            Found::Nothing if refit.only_its_value_fails() => found = Found::InCompany(standing),
+            Found::Nothing if refit.fails_only_off_nothing() => found = Found::InCompany(standing),
             _ => {}
         }
         refits.push(refit);

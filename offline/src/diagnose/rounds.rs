@@ -254,9 +254,9 @@ pub fn close_loop(
 /// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
 /// slopes of the last of them.
 ///
-/// Two causes can hide each other: each alone is fitted with a value that makes up for the other. So where nothing
-/// passes, but something would if it had a physical value, that goes along for one round more. Both are accepted
-/// where they leave next to nothing together, and neither otherwise.
+/// Two causes can hide each other: beside what one leaves, the standard error of the other is large. So where nothing
+/// passes, but something would if its value could be told from nothing, that goes along for one round more. Both are
+/// accepted where they leave next to nothing together, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
     start: Standing,
