@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
-use super::conclude::{WHITE_FLOORS, excess_mm};
-use super::gates::{Gate, OFF_NOTHING, excess_removed, refinement_gate, statistical_gates, taken_away_mm};
+use super::conclude::explains;
+use super::gates::{Gate, OFF_NOTHING, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -70,9 +70,11 @@ const HOPELESS: f64 = 2.0;
 const SPRINT_EVALUATIONS: usize = 3;
 /// How many of them go on: those of least cost.
 const GO_ON: usize = 3;
-/// Share of the excess over noise and discretisation error from which on an effect needs no further rivals: those
-/// that look like it to first order are refitted beside it anyway.
-pub(super) const ALMOST_ALL: f64 = 0.95;
+/// Sizes of an effect, as multiples of the one-step estimate, at which refits start again where none explains what is
+/// left.
+const OTHER_SIZES: [f64; 2] = [0.25, 4.0];
+/// Evaluations after which such a start is given up if it has not come further than the first.
+const SECOND_EVALUATIONS: usize = 4;
 /// An effect whose score is below this share of the best is not refitted: it cannot be the whole cause, and a
 /// later round, without the whole cause in the residual, sees it better.
 const LEAST_SHARE: f64 = 0.1;
@@ -189,8 +191,8 @@ fn choose(
     Ok((refits, found))
 }
 
-/// Refits the leading effects and, unless one that passes leaves next to nothing to explain, all others that are worth
-/// it. The score holds to first order only: where the base model is far off, the cause may well be tenth.
+/// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
+/// those that look like it to first order are among the first. The score holds to first order only: where the base model is far off, the cause may well be tenth.
 fn refit_leading(
     bench: &Bench,
     structure: &Structure,
@@ -205,14 +207,10 @@ fn refit_leading(
         progress("refitting with nothing: no effect is significant");
     }
     let mut tried: Vec<Tried> = Vec::new();
+    let explained = |(refit, _, fit): &Tried| {
+        refit.passed && explains(&now, fit, bench.doubt(fit), table.discretisation_mm)
+    };
     for (batch, go_on) in [(&first, first.len()), (&others, GO_ON)] {
-        let explained = |(refit, _, fit): &Tried| {
-            let numerical_mm = table.discretisation_mm;
-            refit.passed
-                && (refit.fit.floors <= WHITE_FLOORS
-                    || excess_mm(fit, bench.doubt(fit)) <= numerical_mm
-                    || excess_removed(&now, &refit.fit, numerical_mm) >= ALMOST_ALL)
-        };
         if batch.is_empty() || tried.iter().any(explained) {
             break;
         }
@@ -223,21 +221,53 @@ fn refit_leading(
             .map(|h| h.1.cost)
             .chain(tried.iter().map(|t| t.2.cost));
         let least = costs.fold(f64::INFINITY, f64::min);
-        let ended: Vec<Tried> = heats
+        let judged =
+            |score: &Score, fit| judge(bench, structure, (score, fit), (&now, held_now), options).ok();
+        let mut ended: Vec<(&Score, Tried)> = heats
             .into_par_iter()
             .filter_map(|(score, fit)| {
                 let fit = to_the_end(bench, &structure.with(score.effect), fit, least);
-                judge(bench, structure, (score, fit), (&now, held_now), options).ok()
+                Some((score, judged(score, fit)?))
             })
             .collect();
-        tried.extend(ended);
+        if !ended.iter().any(|(_, tried)| explained(tried)) {
+            progress("none of them explains it: starting them elsewhere");
+            ended.par_iter_mut().for_each(|(score, tried)| {
+                let better = from_elsewhere(bench, structure, fitted, score, [tried.2.cost, least]);
+                if let Some(better) = better.and_then(|fit| judged(score, fit)) {
+                    *tried = better;
+                }
+            });
+        }
+        tried.extend(ended.into_iter().map(|(_, tried)| tried));
     }
     tried
 }
 
+/// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
+/// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong effect is far off in everything, and so is a one-step estimate from there.
+fn from_elsewhere(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    score: &Score,
+    [cost, least]: [f64; 2],
+) -> Option<FitResult> {
+    if cost > HOPELESS * least {
+        return None;
+    }
+    let next = structure.with(score.effect);
+    let others = OTHER_SIZES.par_iter().filter_map(|&size| {
+        let theta = start(fitted, structure, score, size);
+        fit_from(&bench.fit, &next, theta, SECOND_EVALUATIONS).ok()
+    });
+    let best = others.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    (best.cost < cost).then(|| further(bench, &next, best, REFIT_EVALUATIONS - SECOND_EVALUATIONS))
+}
+
 /// Effects worth a full refit. First the best `count`, the whole family of the best, because only refits can
 /// tell its members apart, and whatever the other scores hold to be free; then the others, best first. What flows is
-/// never among the best: its refit takes ten times as long, and its score, a secant's, says the least.
+/// never among the best: its refit takes up to four times as long, and its score, a secant's, says the least.
 fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
     let best = table.scores.first().map_or(0.0, |s| s.statistic);
     let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
@@ -357,6 +387,17 @@ fn heats<'a>(
     heats
 }
 
+/// Where a refit starts: at the one-step estimate, as many times as large as `larger` says.
+fn start(fitted: &FitResult, structure: &Structure, score: &Score, larger: f64) -> Vec<f64> {
+    let mut theta = told(fitted, structure);
+    for (p, e) in effects::ALL[score.effect].parameters.iter().zip(&score.estimate) {
+        // A one-step estimate can overshoot; half the physical range is a safe start.
+        let safe = [p.low, p.high].map(|end| 0.5 * (end + p.vanishes_at));
+        theta.push((p.vanishes_at + larger * e).clamp(safe[0], safe[1]));
+    }
+    theta
+}
+
 /// The very first evaluations of a refit, from the one-step estimate.
 fn started(
     bench: &Bench,
@@ -365,12 +406,7 @@ fn started(
     score: &Score,
     evaluations: usize,
 ) -> Result<FitResult, FitError> {
-    let spec = &effects::ALL[score.effect];
-    let mut theta = told(fitted, structure);
-    for (p, e) in spec.parameters.iter().zip(&score.estimate) {
-        // A one-step estimate can overshoot; half the physical range is a safe start.
-        theta.push((p.vanishes_at + e).clamp(0.5 * (p.low + p.vanishes_at), 0.5 * (p.high + p.vanishes_at)));
-    }
+    let theta = start(fitted, structure, score, 1.0);
     fit_from(&bench.fit, &structure.with(score.effect), theta, evaluations)
 }
 

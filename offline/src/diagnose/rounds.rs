@@ -1,9 +1,9 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
-use super::gates::{all_physical, excess_removed};
+use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
+use super::gates::all_physical;
 use super::noise::Noise;
-use super::round::{ALMOST_ALL, Found, Round, Standing, one_round};
+use super::round::{Found, Round, Standing, one_round};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::{Demo, SceneKind};
 use crate::fit::{
@@ -256,7 +256,7 @@ pub fn close_loop(
 ///
 /// Two causes can hide each other: beside what one leaves, the standard error of the other is large. So where nothing
 /// passes, but something would if its value could be told from nothing, that goes along for one round more. Both are
-/// accepted where they leave next to nothing together, and neither otherwise.
+/// accepted where they explain it together, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
     start: Standing,
@@ -274,7 +274,7 @@ fn all_rounds(
         let (round, found, slopes) = one_round(bench, &now, options, progress)?;
         match (found, on_trial_since.take()) {
             (Found::Accepted(next), None) => now = next,
-            (Found::Accepted(next), Some(before)) if complete(&before, &next, &rounds) => {
+            (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &rounds) => {
                 if let Some(trial) = rounds.last_mut() {
                     trial.accepted = now.last_effect();
                 }
@@ -298,11 +298,11 @@ fn all_rounds(
     Ok((on_trial_since.unwrap_or(now), rounds, library))
 }
 
-/// Whether a model leaves next to nothing of what one before it left, with physical values throughout.
-fn complete(before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
-    let [left, leaves] = [before, after].map(|standing| ResidualSummary::of(&standing.fitted.best));
+/// Whether a model explains what one before it left, with physical values throughout.
+fn complete(bench: &Bench, before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
+    let left = ResidualSummary::of(&before.fitted.best);
     let numerical_mm = rounds.last().map_or(0.0, |round| round.table.discretisation_mm);
-    excess_removed(&left, &leaves, numerical_mm) >= ALMOST_ALL
+    explains(&left, &after.fitted, bench.doubt(&after.fitted), numerical_mm)
         && all_physical(&after.structure, &estimates(&after.fitted.best, &after.structure))
 }
 

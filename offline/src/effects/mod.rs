@@ -22,9 +22,9 @@
 //! |---|---|---|
 //! | a force on the rope | `force_laws` | N on a piece of rope, from place, velocity, tangent |
 //! | the stress along the axis | `axial_laws` | coefficient of the cube of the strain |
-//! | the stress by the history of strain | `memory_laws` | a tensor per particle that it moves on by itself |
+//! | the stress by the history of strain | `memory_laws` | a delay, and viscosities behind it |
 //! | the shape at rest | `shape_laws` | natural curvature along the rope |
-//! | the shape for good | `flow_laws` | the factor that brings the elastic strain back |
+//! | the shape for good | `flow_laws` | the strain below which nothing flows, the factor that brings a larger one back |
 //! | the bending stiffness | `bending_laws` | a factor per slice |
 //! | the mass | `mass_laws` | masses of the particles |
 //! | where a grip is | `path_laws` | real pose minus recorded pose |
