@@ -68,7 +68,7 @@ pub struct Everything {
 }
 
 /// Effects of which `wanted` holds for the physics that they alone make.
-pub fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
+fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
     let alone = |&effect: &usize| {
         let values: Vec<f64> = ALL[effect]
             .parameters

@@ -60,9 +60,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if facts.demos[1] == 0 {
         reasons.push(ReasonCode::HeldOutInTime);
     }
-    let numerical = rounds
-        .last()
-        .is_some_and(|r| excess_mm(fitted, facts.doubt) <= r.table.discretisation_mm);
+    let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
+    let left_mm = excess_mm(fitted, facts.doubt);
+    let numerical = left_mm <= numerical_mm;
     let white = now.floors <= WHITE_FLOORS;
     if !white {
         reasons.push(if numerical {
@@ -82,11 +82,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         };
         return (verdict, reasons);
     }
-    let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
     if !explains(facts.base, fitted, facts.doubt, numerical_mm) {
         reasons.push(ReasonCode::ProxySuspected);
         let removed = excess_removed(facts.base, &now, numerical_mm);
-        let left_mm = excess_mm(fitted, facts.doubt);
         return (stand_in(structure, &fitted.best, [removed, left_mm]), reasons);
     }
     (explained(structure, facts.estimates, facts.rivals), reasons)

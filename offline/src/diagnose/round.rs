@@ -192,7 +192,8 @@ fn choose(
 }
 
 /// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
-/// those that look like it to first order are among the first. The score holds to first order only: where the base model is far off, the cause may well be tenth.
+/// those that look like it to first order are among the first. The score holds to first order only: where the base model
+/// is far off, the cause may well be tenth.
 fn refit_leading(
     bench: &Bench,
     structure: &Structure,
@@ -245,7 +246,8 @@ fn refit_leading(
 }
 
 /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
-/// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong effect is far off in everything, and so is a one-step estimate from there.
+/// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
+/// effect is far off in everything, and so is a one-step estimate from there.
 fn from_elsewhere(
     bench: &Bench,
     structure: &Structure,

@@ -10,7 +10,7 @@
 use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::FlowLaw;
 use crate::sim::real::Float;
-use crate::sim::tensor::{Mat3, dot, identity, transpose, transpose_inverse};
+use crate::sim::tensor::{Mat3, dot, identity, matadd, transpose, transpose_inverse};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -49,21 +49,26 @@ impl<T: Real> FlowLaw<T> for Yield<T> {
     }
 
     fn relaxation(&self, elastic: &Mat3<T>) -> Option<Mat3<T>> {
-        let columns = transpose(elastic);
-        let c = symmetric(|i, j| dot(columns[i], columns[j]));
-        if distance_from_identity(&c) < self.onset() {
+        // Derivatives are dear, and wanted of what flows alone.
+        let value = cauchy_green(&elastic.map(|row| row.map(|x| T::base(x.value()))));
+        if distance_from_identity(&value) < self.onset() {
             return None;
         }
-        // Derivatives are dear, and wanted of what flows alone.
-        let (_, equivalent) = deviator(&c.map(|row| row.map(|x| T::base(x.value()))));
+        let (_, equivalent) = deviator(&value);
         if equivalent.value() * self.one_over_strain.value() <= 1.0 {
             return None;
         }
-        let (strain, equivalent) = deviator(&c);
+        let (strain, equivalent) = deviator(&cauchy_green(elastic));
         let excess = T::one() - T::one() / (equivalent * self.one_over_strain);
         let back = strain.map(|row| row.map(|x| -(x * excess)));
         Some(exponential(&back))
     }
+}
+
+/// C = FᵀF.
+fn cauchy_green<T: Real>(f: &Mat3<T>) -> Mat3<T> {
+    let columns = transpose(f);
+    symmetric(|i, j| dot(columns[i], columns[j]))
 }
 
 /// dev H and ε_eq.
@@ -78,7 +83,7 @@ fn deviator<T: Real>(c: &Mat3<T>) -> (Mat3<T>, T) {
 }
 
 fn distance_from_identity<T: Real>(c: &Mat3<T>) -> f64 {
-    size(&plus(c, &scaled(&identity(), -1.0)))
+    size(&matadd(c, &scaled(&identity(), -1.0)))
 }
 
 /// Frobenius norm.
@@ -89,10 +94,6 @@ fn size<T: Real>(m: &Mat3<T>) -> f64 {
 
 fn scaled<T: Real>(m: &Mat3<T>, factor: f64) -> Mat3<T> {
     m.map(|row| row.map(|x| x.scale(factor)))
-}
-
-fn plus<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
 }
 
 /// A symmetric matrix from its entries in and above the diagonal.
@@ -115,30 +116,35 @@ fn product<T: Real>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
 fn logarithm<T: Real>(c: &Mat3<T>) -> Mat3<T> {
     let one = identity();
     // The inverse of a symmetric matrix is its own transpose.
-    let x = product(&plus(c, &scaled(&one, -1.0)), &transpose_inverse(&plus(c, &one)));
+    let x = product(
+        &matadd(c, &scaled(&one, -1.0)),
+        &transpose_inverse(&matadd(c, &one)),
+    );
     let square = product(&x, &x);
     let (mut power, mut sum, mut share) = (x, x, 1.0);
+    let ratio = size(&square);
     for k in 1..LOGARITHM_TERMS {
-        share *= size(&square);
+        share *= ratio;
         if share < T::Base::EPSILON {
             break;
         }
         power = product(&power, &square);
-        sum = plus(&sum, &scaled(&power, 1.0 / (2 * k + 1) as f64));
+        sum = matadd(&sum, &scaled(&power, 1.0 / (2 * k + 1) as f64));
     }
     scaled(&sum, 2.0)
 }
 
 /// The exponential's series of a symmetric matrix, as far as its terms and their derivatives can be told from nothing.
 fn exponential<T: Real>(m: &Mat3<T>) -> Mat3<T> {
-    let (mut term, mut sum, mut share) = (*m, plus(&identity(), m), 1.0);
+    let (mut term, mut sum, mut share) = (*m, matadd(&identity(), m), 1.0);
+    let ratio = size(m);
     for k in 2..=EXPONENTIAL_TERMS {
-        share *= size(m) / (k - 1) as f64;
+        share *= ratio / (k - 1) as f64;
         if share < T::Base::EPSILON {
             break;
         }
         term = scaled(&product(&term, m), 1.0 / k as f64);
-        sum = plus(&sum, &term);
+        sum = matadd(&sum, &term);
     }
     sum
 }

@@ -155,44 +155,34 @@ fn brief(round: &Round, score: &Score) -> Markup {
 /// Why an effect was not accepted.
 pub(super) fn reason(round: &Round, score: &Score) -> String {
     let accepted = round.refits.iter().find(|refit| is_accepted(round, &refit.id));
-    match refit(round, &score.id) {
-        Some(other) if other.passed => match accepted {
-            Some(best) => format!(
-                "it passes every gate, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
-                other.fit.rms_mm,
-                other.held_out.rms_mm,
-                effect_title(&best.id),
-                best.fit.rms_mm,
-                best.held_out.rms_mm
-            ),
-            None => "it passes every gate".into(),
-        },
-        Some(refit) => {
-            let failed = refit.gates.iter().filter(|gate| !gate.passed);
+    let statistic = tidy(score.statistic);
+    match (refit(round, &score.id), accepted) {
+        (Some(other), Some(best)) if other.passed => format!(
+            "it passes every gate, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
+            other.fit.rms_mm,
+            other.held_out.rms_mm,
+            effect_title(&best.id),
+            best.fit.rms_mm,
+            best.held_out.rms_mm
+        ),
+        (Some(other), None) if other.passed => "it passes every gate".into(),
+        (Some(other), _) => {
+            let failed = other.gates.iter().filter(|gate| !gate.passed);
             let failed: Vec<String> = failed.map(|g| format!("{} ({})", g.name, g.detail)).collect();
             format!("refitted, fails at: {}", failed.join("; "))
         }
-        None if score.significant() => {
-            let score = tidy(score.statistic);
-            match accepted {
-                Some(best) => format!(
-                    "not refitted: its score {score} is above the threshold, but {} came first and leaves {:.2} mm where \
-                     fitted, {:.1} noise floors",
-                    effect_title(&best.id),
-                    best.fit.rms_mm,
-                    best.fit.floors
-                ),
-                None => {
-                    format!(
-                        "not ruled out: its score {score} is above the threshold, but small beside the best, or its refit \
-                     stopped"
-                    )
-                }
-            }
-        }
-        None => format!(
-            "score {}, below the {} that data without any effect reach",
-            tidy(score.statistic),
+        (None, Some(best)) if score.significant() => format!(
+            "not refitted: its score {statistic} is above the threshold, but {} came first and leaves {:.2} mm where \
+             fitted, {:.1} noise floors",
+            effect_title(&best.id),
+            best.fit.rms_mm,
+            best.fit.floors
+        ),
+        (None, None) if score.significant() => format!(
+            "not ruled out: its score {statistic} is above the threshold, but small beside the best, or its refit stopped"
+        ),
+        (None, _) => format!(
+            "score {statistic}, below the {} that data without any effect reach",
             tidy(score.threshold)
         ),
     }

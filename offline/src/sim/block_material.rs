@@ -76,6 +76,20 @@ pub struct Place {
     pub member: usize,
 }
 
+impl Place {
+    /// The same member in channel 0.
+    #[inline(always)]
+    pub(super) fn value(self) -> Self {
+        Self { channel: 0, ..self }
+    }
+
+    /// Where it lies in a list by block, channel, member.
+    #[inline(always)]
+    pub(super) fn index(self, channels: usize, members: usize) -> usize {
+        (self.block * channels + self.channel) * members + self.member
+    }
+}
+
 /// The material of all blocks, and what is taken down for the one at hand.
 pub struct BlockMaterial<L> {
     channels: usize,
@@ -156,7 +170,7 @@ impl<L: Lanes> BlockMaterial<L> {
 
     #[inline(always)]
     fn at(&self, place: Place) -> usize {
-        (place.block * self.channels + place.channel) * self.members + place.member
+        place.index(self.channels, self.members)
     }
 
     /// F A, or its differential; `value` is that of the member's channel 0.
@@ -177,7 +191,7 @@ impl<L: Lanes> BlockMaterial<L> {
             return columns_times(f, 0..1, own.inverse);
         }
         let mut elastic = *f;
-        let first = &self.rest[self.at(Place { channel: 0, ..place })];
+        let first = &self.rest[self.at(place.value())];
         for a in 0..3 {
             elastic[a][0] = f[a][0].times_plus(first.inverse, value[a][0] * own.inverse);
         }
@@ -302,7 +316,7 @@ impl<L: Lanes> BlockMaterial<L> {
         let mut common = self.common_pa[place.channel];
         if !self.rest.is_empty() {
             let own = &self.rest[self.at(place)];
-            let rest = &self.rest[self.at(Place { channel: 0, ..place })];
+            let rest = &self.rest[self.at(place.value())];
             for a in 0..3 {
                 for b in 1..3 {
                     change[a][b] = change[a][b].times_plus(rest.stretch, value[a][b] * own.stretch);
@@ -339,7 +353,7 @@ impl<L: Lanes> BlockMaterial<L> {
         [at_values, by]: [[&Mat3<L>; 2]; 2],
         pk1: &mut Mat3<L>,
     ) {
-        let (at, first) = (self.at(place), self.at(Place { channel: 0, ..place }));
+        let (at, first) = (self.at(place), self.at(place.value()));
         for element in &mut self.elements {
             let k = place.channel;
             let twice = Straining::change_of_twice(at_values, by);

@@ -48,11 +48,11 @@ impl<L: Lanes> Flowed<L> {
         for block in 0..blocks {
             for k in 0..T::CHANNELS {
                 for member in 0..members {
-                    let own = |lane: usize| {
+                    let inverse = |lane: usize| {
                         let slice = block * L::COUNT + lane;
-                        material.natural_inverse(slice * members + member).copied()
+                        let own = material.natural_inverse(slice * members + member);
+                        own.copied().unwrap_or(identity())
                     };
-                    let inverse = |lane: usize| own(lane).unwrap_or(identity());
                     let entry = |a: usize, b: usize| L::from_lanes(|lane| inverse(lane)[a][b].channel(k));
                     flowed
                         .inverse
@@ -68,12 +68,12 @@ impl<L: Lanes> Flowed<L> {
 
     #[inline(always)]
     fn at(&self, place: Place) -> usize {
-        (place.block * self.channels + place.channel) * self.members + place.member
+        place.index(self.channels, self.members)
     }
 
     #[inline(always)]
     fn first(&self, place: Place) -> usize {
-        self.at(Place { channel: 0, ..place })
+        self.at(place.value())
     }
 
     /// F A of a member.
@@ -157,9 +157,17 @@ pub fn flow<T: Laned, I: Instructions>(
     };
     let onset = flowed.onset.lane(0);
     for member in 0..flowed.members {
-        let first = (block * flowed.channels) * flowed.members + member;
-        for lane in (0..lanes).filter(|&lane| flowed.distances[member].lane(lane) > onset) {
-            let at = |k: usize| first + k * flowed.members;
+        let (channels, members) = (flowed.channels, flowed.members);
+        let at = |channel: usize| {
+            let place = Place {
+                block,
+                channel,
+                member,
+            };
+            place.index(channels, members)
+        };
+        let distances = flowed.distances[member];
+        for lane in (0..lanes).filter(|&lane| distances.lane(lane) > onset) {
             let f = of_lane::<T, I>(lane, |k| &blocks.bodies[at(k)].deformation_gradient);
             let before = of_lane::<T, I>(lane, |k| &flowed.inverse[at(k)]);
             let Some(inverse) = relaxed(context, &f, before) else {
@@ -167,15 +175,11 @@ pub fn flow<T: Laned, I: Instructions>(
             };
             let volume = T::one() / det(&inverse);
             for k in 0..T::CHANNELS {
-                let at = first + k * flowed.members;
-                for (register, number) in flowed.inverse[at]
-                    .iter_mut()
-                    .flatten()
-                    .zip(inverse.iter().flatten())
-                {
+                let registers = flowed.inverse[at(k)].iter_mut().flatten();
+                for (register, number) in registers.zip(inverse.iter().flatten()) {
                     register.set_lane(lane, number.channel(k));
                 }
-                flowed.volume[at].set_lane(lane, volume.channel(k));
+                flowed.volume[at(k)].set_lane(lane, volume.channel(k));
             }
         }
     }
