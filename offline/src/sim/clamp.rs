@@ -72,6 +72,9 @@ pub struct Knot {
     pub closed: bool,
 }
 
+/// A sampled pose: time in s, pose, whether the clamp holds from here on.
+pub type Sample = (f64, Pose<f64>, bool);
+
 /// Path of a clamp: cubic Hermite interpolation between knots, constant beyond the ends. A path whose
 /// last knot opens while moving goes on at that knot's rate: the last closed step aims at a time just
 /// after the opening, and would brake the rope if the path stood still there.
@@ -89,27 +92,38 @@ impl ClampPath {
 
     /// A path from sampled poses; rates are the slopes of the parabolas through neighbours. It starts
     /// at rest, as the rope does; at its end the last parabola goes on.
-    pub fn from_samples(samples: &[(f64, Pose<f64>, bool)]) -> Self {
+    pub fn from_samples(samples: &[Sample]) -> Self {
+        Self::through(samples, [0.0; 7])
+    }
+
+    /// The same for a rope that moves at the first sample: the first parabola holds from there on.
+    pub fn from_samples_in_motion(samples: &[Sample]) -> Self {
+        let inwards: Vec<&Sample> = samples.iter().collect();
+        Self::through(samples, std::array::from_fn(|k| edge_slope(&inwards, k)))
+    }
+
+    fn through(samples: &[Sample], first_rate: Pose<f64>) -> Self {
         let n = samples.len();
-        let slope = |a: usize, b: usize, k: usize| {
-            (samples[b].1[k] - samples[a].1[k]) / (samples[b].0 - samples[a].0)
-        };
+        let inwards: Vec<&Sample> = samples.iter().rev().collect();
         let knots = (0..n)
             .map(|i| {
-                let rate = std::array::from_fn(|k| {
-                    if i == 0 {
-                        return 0.0;
-                    }
+                let rate = |k| {
                     if i + 1 == n {
-                        return end_slope(samples, k);
+                        return edge_slope(&inwards, k);
                     }
-                    let (before, after) = (samples[i].0 - samples[i - 1].0, samples[i + 1].0 - samples[i].0);
-                    (after * slope(i - 1, i, k) + before * slope(i, i + 1, k)) / (before + after)
-                });
+                    let [before, here, after] = [&samples[i - 1], &samples[i], &samples[i + 1]];
+                    let spans = [here.0 - before.0, after.0 - here.0];
+                    (spans[1] * slope(before, here, k) + spans[0] * slope(here, after, k))
+                        / (spans[0] + spans[1])
+                };
                 Knot {
                     t_s: samples[i].0,
                     pose: samples[i].1,
-                    rate,
+                    rate: if i == 0 {
+                        first_rate
+                    } else {
+                        std::array::from_fn(rate)
+                    },
                     closed: samples[i].2,
                 }
             })
@@ -327,13 +341,18 @@ impl<T: Real> PathShift<T> {
     }
 }
 
-/// Slope at the last sample of the parabola through the last three.
-fn end_slope(samples: &[(f64, Pose<f64>, bool)], k: usize) -> f64 {
-    let slope = |a: usize, b: usize| (samples[b].1[k] - samples[a].1[k]) / (samples[b].0 - samples[a].0);
-    match samples.len() {
-        0 | 1 => 0.0,
-        2 => slope(0, 1),
-        n => slope(n - 2, n - 1) + slope(n - 3, n - 1) - slope(n - 3, n - 2),
+/// Slope of entry `k` between two samples.
+fn slope(a: &Sample, b: &Sample, k: usize) -> f64 {
+    (b.1[k] - a.1[k]) / (b.0 - a.0)
+}
+
+/// Slope of entry `k` at the first of samples that lead away from an end of a path: that of the parabola through
+/// the first three.
+fn edge_slope(inwards: &[&Sample], k: usize) -> f64 {
+    match inwards {
+        [] | [_] => 0.0,
+        [a, b] => slope(a, b, k),
+        [a, b, c, ..] => slope(a, b, k) + slope(a, c, k) - slope(b, c, k),
     }
 }
 
@@ -422,6 +441,20 @@ mod tests {
             let got = path.pose(t);
             assert!((got[0] - t * t).abs() < 1e-12, "{t}: {}", got[0]);
             assert!((got[1] + t).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_sampled_parabola_in_motion_is_followed_exactly_from_its_first_sample_on() {
+        let pose = |t: f64| [0.7 * t - t * t, 1.0, -3.0 * t, 0.0, 0.0, 0.0, 1.0];
+        let samples = [0.0, 0.1, 0.25, 0.3].map(|t| (t, pose(t), true));
+        let path = ClampPath::from_samples_in_motion(&samples);
+        for step in 0..=30 {
+            let t = 0.01 * f64::from(step);
+            let got = path.pose(t);
+            for (got, wanted) in got.iter().zip(pose(t)) {
+                assert!((got - wanted).abs() < 1e-12, "{t}: {got}, not {wanted}");
+            }
         }
     }
 }

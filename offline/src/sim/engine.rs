@@ -36,7 +36,8 @@ pub(super) trait Engine<T> {
     fn push(&mut self, context: &StepContext<T>, force_n_m: &[Vec3<T>], lengths_m: &[f64]);
     /// Updates the nodes.
     fn update_nodes(&mut self, context: &StepContext<T>, decay: f64);
-    /// Gives the nodes velocities, m/s, in the order of [`Grid`], before the first step.
+    /// Gives the nodes velocities, m/s, before the first step: one per node, in the order in which the particles
+    /// meet them, which is that of [`Grid`].
     fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]);
     /// The fastest particle and its speed, m/s; one that is not finite counts as fastest, with NaN.
     fn fastest(&self) -> (usize, f64);

@@ -52,6 +52,12 @@ impl<B: Arithmetic> Rows<B> {
         ((channel * self.planes + plane) * self.rows + row) * self.width + node
     }
 
+    /// Sets a number at a plane, row and node.
+    pub fn set(&mut self, channel: usize, [plane, row, node]: [usize; 3], value: B) {
+        let at = self.at(channel, plane, row, node);
+        self.values[at] = value;
+    }
+
     /// As many nodes of a row as a register has lanes.
     #[inline(always)]
     pub fn read<T: Laned<Base = B>, I: Instructions>(

@@ -100,10 +100,6 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    // The first velocities of a start in motion stand at the grid's nodes in their plain order.
-    if matches!(scene.start, Start::Moving(_)) {
-        return simulate_one_by_one(scene, physics);
-    }
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") {

@@ -1,7 +1,7 @@
 //! Scenes: what is simulated, from when to when, on which grid. `lift` and `free` come from a
 //! demonstration, `swing` from the task.
 
-use super::clamp::{ClampPath, Knot, STIFFNESS};
+use super::clamp::{self, ClampPath, Knot, STIFFNESS};
 use super::elastic::Lame;
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
@@ -10,7 +10,7 @@ use super::rollout::perpendicular;
 use super::rope::{RopeLayout, RopeShape, Sampling};
 use super::start::Start;
 use super::tensor::{self, sub};
-use crate::demo::{Demo, RopeEnd};
+use crate::demo::{ClampSample, Demo, RopeEnd, StartState};
 use shared::profile::{LineProfile, MotionLimits};
 use shared::task::SwingTask;
 
@@ -130,10 +130,16 @@ impl Scene {
     /// The scene of a demonstration, on a grid with `cells` cells across the rope.
     pub fn of_demo(demo: &Demo, cells: f64) -> Result<Self, SimError> {
         let spec = &demo.spec;
-        let rope = RopeShape {
-            length_m: spec.rope.length_m,
-            diameter_m: spec.rope.diameter_m,
-            mass_kg: spec.rope.mass_kg,
+        let rope = RopeShape::of_spec(&spec.rope);
+        let path = |samples: &[ClampSample]| {
+            let samples: Vec<clamp::Sample> = samples
+                .iter()
+                .map(|s| (s.t_s, pose_of(s.position_m, s.quaternion_xyzw), s.closed))
+                .collect();
+            match spec.start {
+                StartState::Moving => ClampPath::from_samples_in_motion(&samples),
+                StartState::Straight | StartState::Rest => ClampPath::from_samples(&samples),
+            }
         };
         let grips: Vec<Grip> = spec
             .clamps
@@ -142,12 +148,7 @@ impl Scene {
             .map(|(clamp, samples)| Grip {
                 end: clamp.end,
                 length_m: clamp.grip_m,
-                path: ClampPath::from_samples(
-                    &samples
-                        .iter()
-                        .map(|s| (s.t_s, pose_of(s.position_m, s.quaternion_xyzw), s.closed))
-                        .collect::<Vec<_>>(),
-                ),
+                path: path(samples),
             })
             .collect();
         let direction = tensor::direction(spec.rope.direction);

@@ -236,8 +236,16 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         update::<T, I>(&mut self.blocks, &self.masses, &what);
     }
 
-    fn set_node_velocities(&mut self, _velocities_m_s: &[Vec3<T>]) {
-        unreachable!("scenes that start in motion run one particle after the other");
+    fn set_node_velocities(&mut self, velocities_m_s: &[Vec3<T>]) {
+        let blocks = &mut self.blocks;
+        let nodes = blocks.transfer.nodes_as_met(self.slices);
+        for ((plane, node), velocity) in nodes.into_iter().zip(velocities_m_s) {
+            for (a, component) in velocity.iter().enumerate() {
+                for k in 0..T::CHANNELS {
+                    blocks.velocity.set(k, [plane, a, node], component.channel(k));
+                }
+            }
+        }
     }
 
     #[inline(always)]

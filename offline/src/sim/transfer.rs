@@ -134,6 +134,24 @@ impl<L: Lanes> Transfer<L> {
         sum
     }
 
+    /// Plane and place of every node that the first `slices` slices meet, in the order in which they do, slice by
+    /// slice and member by member.
+    pub fn nodes_as_met(&self, slices: usize) -> Vec<(usize, usize)> {
+        let mut met = vec![false; self.planes * self.width];
+        let mut nodes = Vec::new();
+        for link in &self.slices[..slices] {
+            for member in &self.members {
+                for (i, &node) in (0..3).flat_map(|i| member.nodes.iter().map(move |node| (i, node))) {
+                    let (plane, node) = (link.plane + i, usize::from(node));
+                    if !std::mem::replace(&mut met[plane * self.width + node], true) {
+                        nodes.push((plane, node));
+                    }
+                }
+            }
+        }
+        nodes
+    }
+
     /// Number of registers that hold one member of every slice.
     pub fn blocks(&self) -> usize {
         self.offsets.len()
