@@ -15,6 +15,7 @@ pub mod model_file;
 pub mod observe;
 pub mod paper_units;
 pub mod pipeline;
+pub mod play;
 pub mod plot;
 pub mod reach;
 pub mod report;

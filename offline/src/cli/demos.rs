@@ -1,7 +1,8 @@
 //! `offline demo …` and `offline inspect`.
 
 use anyhow::Context;
-use offline::demo::{Demo, plot_svg, summary, warnings};
+use clap::{Args, ValueEnum};
+use offline::demo::{Demo, StartState, plot_svg, summary, warnings};
 use offline::inspect::inspect as inspect_blob;
 use offline::model_file::ModelFile;
 use offline::run_files::{RunFolder, write_whole};
@@ -22,6 +23,64 @@ pub fn check(folders: &[PathBuf], json: bool) -> anyhow::Result<()> {
         } else {
             println!("{}", summary(&demo));
         }
+    }
+    Ok(())
+}
+
+/// Which part of a recording.
+#[derive(Args)]
+pub struct CutArguments {
+    /// Demonstration folder.
+    folder: PathBuf,
+    /// First instant, s; the beginning by default.
+    #[arg(long, value_name = "S")]
+    from: Option<f64>,
+    /// Last instant, s; the end by default.
+    #[arg(long, value_name = "S")]
+    to: Option<f64>,
+    /// What the rope does at the first instant, where that is not the recording's.
+    #[arg(long, value_enum, default_value = "moving")]
+    start: PartStart,
+    /// Demonstration folder to write.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// What the rope does where a part begins.
+#[derive(Clone, Copy, ValueEnum)]
+enum PartStart {
+    /// It moves: shape and velocity are those of the first markers.
+    Moving,
+    /// It hangs still from its clamps.
+    Rest,
+}
+
+/// Writes a part of a demonstration.
+pub fn cut(arguments: &CutArguments, json: bool) -> anyhow::Result<()> {
+    let start = match arguments.start {
+        PartStart::Moving => StartState::Moving,
+        PartStart::Rest => StartState::Rest,
+    };
+    let from_s = arguments.from.unwrap_or(f64::NEG_INFINITY);
+    let to_s = arguments.to.unwrap_or(f64::INFINITY);
+    let part = Demo::load(&arguments.folder)?.cut(from_s, to_s, start)?;
+    write(&part, &arguments.out, json)
+}
+
+/// Writes a demonstration and says what is in it.
+pub fn write(demo: &Demo, folder: &Path, json: bool) -> anyhow::Result<()> {
+    demo.save(folder)?;
+    let found = warnings(demo);
+    if json {
+        let line = serde_json::json!({
+            "folder": folder, "frames": demo.times_s().len(), "warnings": found,
+        });
+        println!("{line}");
+        return Ok(());
+    }
+    println!("wrote {}: {} frames", folder.display(), demo.times_s().len());
+    for warning in found {
+        println!("  warning: {warning}");
     }
     Ok(())
 }

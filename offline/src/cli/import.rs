@@ -1,8 +1,9 @@
 //! `offline demo import …` and `offline demo export …`.
 
 use super::above_zero;
+use super::demos::write;
 use clap::{Args, Subcommand};
-use offline::demo::{Demo, DemoSpec, export_mcap, import, recording, warnings};
+use offline::demo::{Demo, DemoSpec, export_mcap, import, recording};
 use shared::arm::DEFAULT_TASK_FRAME;
 use shared::blob::TaskFrame;
 use std::path::PathBuf;
@@ -131,13 +132,13 @@ pub fn import(source: ImportCommand, json: bool) -> anyhow::Result<()> {
         ImportCommand::Wires(a) => (import::wires(&a.dir)?, a.out),
         ImportCommand::Mcap(a) => {
             let folder = a.out.clone();
-            return write(&mcap(a)?, folder, json);
+            return write(&mcap(a)?, &folder, json);
         }
         ImportCommand::Deform(a) => (import::deform(&a.folders.dir, a.rate_hz)?, a.folders.out),
         ImportCommand::Noodle(a) => (import::noodle(&a.folders.dir, a.rate_hz)?, a.folders.out),
     };
     for demo in &demos {
-        write(demo, out.join(&demo.name), json)?;
+        write(demo, &out.join(&demo.name), json)?;
     }
     Ok(())
 }
@@ -157,21 +158,4 @@ fn mcap(a: McapArguments) -> anyhow::Result<Demo> {
     let spec = a.spec.as_deref().map(DemoSpec::load).transpose()?;
     let name = a.out.file_name().map_or("demo".into(), |n| n.to_string_lossy());
     Ok(import::mcap(&a.file, &topics, spec, &frame, &name)?)
-}
-
-fn write(demo: &Demo, folder: PathBuf, json: bool) -> anyhow::Result<()> {
-    demo.save(&folder)?;
-    let found = warnings(demo);
-    if json {
-        let line = serde_json::json!({
-            "folder": folder, "frames": demo.times_s().len(), "warnings": found,
-        });
-        println!("{line}");
-        return Ok(());
-    }
-    println!("wrote {}: {} frames", folder.display(), demo.times_s().len());
-    for warning in found {
-        println!("  warning: {warning}");
-    }
-    Ok(())
 }

@@ -6,6 +6,7 @@ mod import;
 mod progress;
 mod reproduce;
 mod runs;
+mod simulate;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -57,6 +58,12 @@ enum Command {
     /// Like `run`, but stops once the blob is written and read back.
     #[command(after_help = "Example: offline freeze --demo my-rope/lift-1 --out runs/my-rope")]
     Freeze(RunArguments),
+    /// Move a simulated rope as a measured one was moved, or let it swing, and say what it does.
+    #[command(
+        after_help = "Examples: offline simulate --model runs/sample-rope --demo my-rope/lift-1 --out simulated\n          \
+        offline simulate --young-pa 0.9e6 --effect tip_mass=0.009 --release 0.12 0.2"
+    )]
+    Simulate(simulate::SimulateArguments),
     /// Verify the simulator against what is known exactly; exit code 1 when a case fails.
     #[command(after_help = "Example: offline verify --random 1000 --out runs/verify")]
     Verify(VerifyArguments),
@@ -99,6 +106,9 @@ enum DemoCommand {
         #[arg(long)]
         out: Option<PathBuf>,
     },
+    /// Take a part of a recording in time.
+    #[command(after_help = "Example: offline demo cut my-rope/long --from 2.5 --to 6 --out my-rope/part")]
+    Cut(demos::CutArguments),
     /// Turn recordings of other formats into demonstration folders.
     #[command(subcommand)]
     Import(import::ImportCommand),
@@ -192,10 +202,12 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Command::Train(a) => runs::run(&a, Stage::Train, json),
         Command::Evaluate(a) => runs::run(&a, Stage::Evaluate, json),
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),
+        Command::Simulate(a) => simulate::run(&a, json),
         Command::Verify(a) => verify::run(&a, json),
         Command::BenchDiagnosis(a) => bench_diagnosis::run(&a, json),
         Command::Demo(DemoCommand::Check { folders }) => demos::check(&folders, json),
         Command::Demo(DemoCommand::Show { folder, out }) => demos::show(&folder, out, json),
+        Command::Demo(DemoCommand::Cut(a)) => demos::cut(&a, json),
         Command::Demo(DemoCommand::Export(target)) => import::export(target, json),
         Command::Demo(DemoCommand::Import(source)) => import::import(source, json),
         Command::Reproduce(table) => reproduce::run(&table, json),

@@ -2,6 +2,7 @@
 //! `genorm-demo/1`; SI units, z up, rope arc length s from its start (0) to its end (length).
 
 mod check;
+mod cut;
 mod draw;
 mod error;
 mod export;
@@ -22,6 +23,7 @@ pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};
 pub use recording::recording;
 pub use summary::{summary, warnings};
 
+use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the folder format.
@@ -217,6 +219,18 @@ pub struct ClampSample {
     pub quaternion_xyzw: [f64; 4],
     /// Whether the clamp holds the rope.
     pub closed: bool,
+}
+
+impl ClampSample {
+    /// Orientation.
+    pub fn turn(&self) -> UnitQuaternion<f64> {
+        rotation(self.quaternion_xyzw)
+    }
+}
+
+/// The rotation that a quaternion (x, y, z, w) of a demonstration stands for.
+fn rotation([x, y, z, w]: [f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
 }
 
 /// What the cameras saw at one instant.

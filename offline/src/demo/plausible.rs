@@ -1,8 +1,10 @@
 //! What cannot be true of a rope: scales, axes, clamps and cameras that contradict each other.
 
 use super::summary::{Frame, distance};
-use super::{CameraSpec, ClampSample, Demo, MarkerSample, Observations, RopeEnd, SceneKind, StartState};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use super::{
+    CameraSpec, ClampSample, Demo, MarkerSample, Observations, RopeEnd, SceneKind, StartState, rotation,
+};
+use nalgebra::Vector3;
 
 /// Stretch and error of arc lengths that a chord may show.
 const CHORD_ALLOWED: f64 = 1.05;
@@ -187,8 +189,7 @@ fn straight_start(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
 
 /// Where a point would be if the camera that saw it were turned by half about its optical axis.
 fn upside_down(camera: &CameraSpec, point: &Vector3<f64>) -> Vector3<f64> {
-    let [x, y, z, w] = camera.quaternion_xyzw;
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let turn = rotation(camera.quaternion_xyzw);
     let at = Vector3::from(camera.position_m);
     let seen = turn.inverse() * (point - at);
     at + turn * Vector3::new(-seen.x, -seen.y, seen.z)

@@ -1,5 +1,6 @@
 //! The undeformed rope as particles: slices along the arc, each a quadrature of the circular section.
 
+use crate::demo::RopeSpec;
 use serde::{Deserialize, Serialize};
 
 /// The rope's shape and mass.
@@ -23,6 +24,15 @@ impl RopeShape {
         };
         shape.mass_kg = density_kg_m3 * shape.volume_m3();
         shape
+    }
+
+    /// The measured rope.
+    pub fn of_spec(spec: &RopeSpec) -> Self {
+        Self {
+            length_m: spec.length_m,
+            diameter_m: spec.diameter_m,
+            mass_kg: spec.mass_kg,
+        }
     }
 
     /// Volume, m³.

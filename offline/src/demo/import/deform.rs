@@ -11,6 +11,7 @@ use crate::demo::{
     ClampSample, ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState,
 };
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The source states no diameter.
@@ -33,6 +34,8 @@ type Frame = Vec<Vector3<f64>>;
 /// Chunks that follow each other without a gap.
 struct Recording {
     name: String,
+    /// Which of the ropes it shows.
+    rope: String,
     frames: Vec<Frame>,
 }
 
@@ -42,7 +45,20 @@ struct Recording {
 /// A file is missing or malformed.
 pub fn deform(dir: &Path, rate_hz: f64) -> Result<Vec<Demo>, DemoError> {
     let recordings = recordings(dir)?;
-    Ok(recordings.into_iter().map(|r| one(r, rate_hz)).collect())
+    // A rope is as long in every recording of it.
+    let mut frames = BTreeMap::<&str, Vec<&Frame>>::new();
+    for recording in &recordings {
+        frames
+            .entry(&recording.rope)
+            .or_default()
+            .extend(&recording.frames);
+    }
+    let arcs: BTreeMap<&str, Vec<f64>> = frames
+        .iter()
+        .map(|(rope, frames)| (*rope, arcs(frames)))
+        .collect();
+    let demo = |recording: &Recording| one(recording, &arcs[recording.rope.as_str()], rate_hz);
+    Ok(recordings.iter().map(demo).collect())
 }
 
 fn recordings(dir: &Path) -> Result<Vec<Recording>, DemoError> {
@@ -77,6 +93,7 @@ fn recordings(dir: &Path) -> Result<Vec<Recording>, DemoError> {
             Some(open) if follows => open.frames.extend(frames),
             _ => list.push(Recording {
                 name: file.trim_end_matches(".npy").to_owned(),
+                rope: rope.to_owned(),
                 frames: frames.collect(),
             }),
         }
@@ -101,7 +118,7 @@ fn jumps(frames: &[Frame], k: usize, m: usize) -> bool {
 }
 
 /// Arc length of every marker from the first, m.
-fn arcs(frames: &[Frame]) -> Vec<f64> {
+fn arcs(frames: &[&Frame]) -> Vec<f64> {
     let mut arcs = vec![0.0];
     for m in 1..frames[0].len() {
         let mut gaps: Vec<f64> = frames.iter().map(|f| (f[m] - f[m - 1]).norm()).collect();
@@ -134,10 +151,10 @@ fn clamp(frames: &[Frame], outer: usize, inner: usize, sense: f64) -> Vec<ClampS
     path
 }
 
-fn one(recording: Recording, rate_hz: f64) -> Demo {
+fn one(recording: &Recording, arcs: &[f64], rate_hz: f64) -> Demo {
     let frames = &recording.frames;
     let count = frames[0].len();
-    let (arcs, stride) = (arcs(frames), stride(RECORDED_HZ, rate_hz));
+    let stride = stride(RECORDED_HZ, rate_hz);
     let length_m = arcs[count - 1];
     let mut markers = Vec::new();
     for k in (0..frames.len()).step_by(stride) {
@@ -165,7 +182,7 @@ fn one(recording: Recording, rate_hz: f64) -> Demo {
         planar: false,
         notes: format!(
             "{}: rope held at both ends, motion capture (DEFORM). Arc lengths are the {ARC_QUANTILE} quantile of \
-                 the markers' distances; samples with a second difference above {JUMP_M_S2} m/s2 are left out; one \
+                 the markers' distances in all recordings of the rope; samples with a second difference above {JUMP_M_S2} m/s2 are left out; one \
                  frame in {stride} kept. Diameter, mass and noise_m are assumed, the clamps' roll is unknown.",
             recording.name
         ),
@@ -186,7 +203,7 @@ fn one(recording: Recording, rate_hz: f64) -> Demo {
             ),
         ],
         markers,
-        name: recording.name,
+        name: recording.name.clone(),
     };
     source.demo()
 }
@@ -211,9 +228,11 @@ mod tests {
             .collect();
         let recording = Recording {
             name: "r".into(),
+            rope: "1".into(),
             frames,
         };
-        let demo = one(recording, 100.0);
+        let arcs = arcs(&recording.frames.iter().collect::<Vec<_>>());
+        let demo = one(&recording, &arcs, 100.0);
         let Observations::Markers(markers) = &demo.observations else {
             panic!("markers");
         };

@@ -18,7 +18,7 @@ use super::{
     ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeMeasure, RopeSpec,
     SceneKind, StartState,
 };
-use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 /// Both measures that can be assumed.
 const MASS_AND_DIAMETER: [RopeMeasure; 2] = [RopeMeasure::DiameterM, RopeMeasure::MassKg];
@@ -77,12 +77,6 @@ fn sample(t_s: f64, at_m: Vector3<f64>, behind_m: f64, direction: Vector3<f64>, 
 }
 
 type Turn = UnitQuaternion<f64>;
-
-/// The turn of a clamp's sample.
-fn turn_of(sample: &ClampSample) -> Turn {
-    let [x, y, z, w] = sample.quaternion_xyzw;
-    Turn::from_quaternion(Quaternion::new(w, x, y, z))
-}
 
 /// Every `stride`-th frame of a recording at `recorded_hz`, so that about `wanted_hz` are left.
 /// Frames are left out, never averaged.

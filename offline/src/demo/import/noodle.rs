@@ -1,7 +1,7 @@
 //! `noodle`: a foam cylinder moved by an arm at one end (PRB_Net; Mamedov et al., arXiv 2407.03476).
 
 use super::npy::Array;
-use super::{MASS_AND_DIAMETER, Source, assumed_mass_kg, make_continuous, sample, stride, turn_of};
+use super::{MASS_AND_DIAMETER, Source, assumed_mass_kg, make_continuous, sample, stride};
 use crate::demo::table::Table;
 use crate::demo::{ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -69,7 +69,7 @@ fn one(dir: &Path, file: &str, rate_hz: f64) -> Result<Demo, DemoError> {
     }
     make_continuous(&mut clamp);
     let length_m = GRIP_M + FREE_M;
-    let direction = turn_of(&clamp[0]) * Vector3::x();
+    let direction = clamp[0].turn() * Vector3::x();
     let name = file.trim_end_matches(".npy").to_owned();
     let grip = ClampSpec {
         end: RopeEnd::Start,

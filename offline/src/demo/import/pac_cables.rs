@@ -5,7 +5,7 @@
 //! up, which is a right-handed turn about +y. Poses are measured marker positions. Swings hold only
 //! the source's affine-curvature fit to the markers, of which middle and end point are taken.
 
-use super::{Source, sample, turn_of};
+use super::{Source, sample};
 use crate::demo::table::Table;
 use crate::demo::{
     ClampSample, ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState,
@@ -211,7 +211,7 @@ struct Kind {
 }
 
 fn demo(cable: &Cable, kind: &Kind, clamp: Vec<ClampSample>, markers: Vec<MarkerSample>) -> Demo {
-    let turn = turn_of(&clamp[0]);
+    let turn = clamp[0].turn();
     let length_m = cable.free_m + GRIP_M;
     let grip = ClampSpec {
         end: RopeEnd::Start,

@@ -1,0 +1,234 @@
+//! `offline simulate`: what a rope does, moved as in a demonstration or let go in a swing.
+
+use super::above_zero;
+use super::runs::shipped;
+use anyhow::Context;
+use clap::Args;
+use offline::collect::Swinger;
+use offline::demo::Demo;
+use offline::effects;
+use offline::fit::Resolution;
+use offline::model::{POISSON_PRIOR, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
+use offline::model_file::ModelFile;
+use offline::play::{Played, play};
+use offline::run_files::RunFolder;
+use offline::sim::rope::RopeShape;
+use offline::sim::scene::MIN_CELLS_PER_DIAMETER;
+use offline::swing::SimulatedSwing;
+use shared::task::SwingTask;
+use std::path::{Path, PathBuf};
+
+/// Which rope does what.
+#[derive(Args)]
+pub struct SimulateArguments {
+    /// Rope: a run, or a model.toml. Values given beside it replace its own.
+    #[arg(long, value_name = "RUN|FILE")]
+    model: Option<PathBuf>,
+    /// Young's modulus, Pa.
+    #[arg(long, value_parser = above_zero, required_unless_present = "model")]
+    young_pa: Option<f64>,
+    /// Poisson's ratio; 0.3 without a model.
+    #[arg(long, value_parser = above_zero)]
+    poisson: Option<f64>,
+    /// An effect and its parameters in SI units, as `offline inspect` names them: tip_mass=0.009.
+    #[arg(long, value_name = "ID=VALUE[,VALUE]", num_args = 1.., value_parser = effect)]
+    effect: Vec<Effect>,
+    /// Demonstration whose rope is moved as it was; the shipped sample rope's by default.
+    #[arg(long, value_name = "DIR")]
+    demo: Option<PathBuf>,
+    /// Swing instead: release the rope's end at this point of the task's plane, m, and say how far it reaches.
+    #[arg(long, num_args = 2, value_names = ["X", "Z"], allow_negative_numbers = true)]
+    release: Option<Vec<f64>>,
+    /// Cells across the rope: a finer grid is slower.
+    #[arg(long, default_value_t = MIN_CELLS_PER_DIAMETER, value_parser = above_zero)]
+    cells: f64,
+    /// Demonstration folder to write, with the simulated rope's points as markers.
+    #[arg(long, value_name = "DIR", conflicts_with = "release")]
+    out: Option<PathBuf>,
+}
+
+/// An effect of the registry with its parameters.
+#[derive(Clone, Debug)]
+struct Effect {
+    index: usize,
+    values: Vec<f64>,
+}
+
+fn effect(text: &str) -> Result<Effect, String> {
+    let (id, values) = text
+        .split_once('=')
+        .ok_or("write the effect, an equals sign and its parameters")?;
+    let index = effects::find(id).ok_or_else(|| {
+        let known: Vec<&str> = effects::ALL.iter().map(|spec| spec.id).collect();
+        format!("effect `{id}` is not known; known are {}", known.join(", "))
+    })?;
+    let values: Vec<f64> = values
+        .split(',')
+        .map(|value| value.parse().map_err(|_| format!("`{value}` is no number")))
+        .collect::<Result<_, _>>()?;
+    let parameters = effects::ALL[index].parameters;
+    if values.len() != parameters.len() {
+        let names: Vec<String> = parameters
+            .iter()
+            .map(|p| format!("{} ({})", p.name, p.unit))
+            .collect();
+        return Err(format!(
+            "{id} has {} parameters: {}",
+            names.len(),
+            names.join(", ")
+        ));
+    }
+    for (value, p) in values.iter().zip(parameters) {
+        if !(p.low..=p.high).contains(value) {
+            return Err(format!("{} lies from {} to {} {}", p.name, p.low, p.high, p.unit));
+        }
+    }
+    Ok(Effect { index, values })
+}
+
+/// A rope as simulations take it.
+struct Rope {
+    /// Shape and mass; none where no model says.
+    shape: Option<RopeShape>,
+    structure: Structure,
+    /// ln E, ν, parameters of the effects.
+    theta: Vec<f64>,
+}
+
+impl Rope {
+    fn of(arguments: &SimulateArguments) -> anyhow::Result<Self> {
+        let model = arguments.model.as_deref().map(load).transpose()?;
+        let (mut structure, mut values) = match &model {
+            Some(model) => model.structure()?,
+            None => (Structure::default(), Vec::new()),
+        };
+        for effect in &arguments.effect {
+            replace(&mut structure, &mut values, effect);
+        }
+        let of_model = |k: usize| model.as_ref().map(|model| model.elasticity[k].value);
+        let young_pa = arguments
+            .young_pa
+            .or(of_model(0))
+            .context("clap asks for one of them")?;
+        let poisson = arguments.poisson.or(of_model(1)).unwrap_or(POISSON_PRIOR[0]);
+        within("--young-pa", young_pa, YOUNG_RANGE_PA)?;
+        within("--poisson", poisson, POISSON_RANGE)?;
+        let mut theta = vec![young_pa.ln(), poisson];
+        theta.extend(values);
+        Ok(Self {
+            shape: model.map(|model| model.rope),
+            structure,
+            theta,
+        })
+    }
+}
+
+fn within(name: &str, value: f64, [low, high]: [f64; 2]) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        (low..=high).contains(&value),
+        "{name} {value} is outside what the program admits, {low} to {high}"
+    );
+    Ok(())
+}
+
+/// The model of a run, or of a file.
+fn load(path: &Path) -> anyhow::Result<ModelFile> {
+    if path.is_dir() {
+        return ModelFile::load(&RunFolder::open(path)?.model());
+    }
+    ModelFile::load(path)
+}
+
+/// Adds an effect, or gives it other values where the structure has it.
+fn replace(structure: &mut Structure, values: &mut Vec<f64>, effect: &Effect) {
+    let mut first = 0;
+    for &index in &structure.effects {
+        let count = effects::ALL[index].parameters.len();
+        if index == effect.index {
+            values[first..first + count].copy_from_slice(&effect.values);
+            return;
+        }
+        first += count;
+    }
+    *structure = structure.with(effect.index);
+    values.extend(&effect.values);
+}
+
+/// Simulates and says what the rope did.
+pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
+    let rope = Rope::of(arguments)?;
+    let demo = || -> anyhow::Result<Demo> {
+        let folder = arguments.demo.clone();
+        Ok(Demo::load(
+            folder.map_or_else(|| Ok(shipped()?[0].clone()), anyhow::Ok)?,
+        )?)
+    };
+    if let Some(release) = &arguments.release {
+        let shape = match (rope.shape, &arguments.demo) {
+            (Some(shape), None) => shape,
+            _ => RopeShape::of_spec(&demo()?.spec.rope),
+        };
+        return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
+    }
+    let demo = demo()?;
+    let resolution = Resolution {
+        cells: arguments.cells,
+    };
+    let played = play(&demo, &rope.structure, &rope.theta, resolution)?;
+    if let Some(out) = &arguments.out {
+        played.demo.save(out)?;
+    }
+    say(&demo, &played, arguments.out.as_deref(), json);
+    Ok(())
+}
+
+fn swing(rope: &Rope, shape: RopeShape, release_m: [f64; 2], cells: f64, json: bool) -> anyhow::Result<()> {
+    let swing = SimulatedSwing {
+        rope: shape,
+        task: SwingTask::PAPER,
+        structure: rope.structure.clone(),
+        effect_values: rope.theta[2..].to_vec(),
+        resolution: Resolution { cells },
+    };
+    let [x, z] = release_m;
+    let reach_m = swing
+        .reach_m(rope.theta[0].exp(), rope.theta[1], release_m)
+        .map_err(|refusal| anyhow::anyhow!("released at ({x}, {z}) m: {refusal}"))?;
+    if json {
+        println!(
+            "{}",
+            serde_json::json!({ "release_m": release_m, "reach_m": reach_m })
+        );
+    } else {
+        println!("released at ({x}, {z}) m the tip reaches x = {reach_m:.4} m");
+    }
+    Ok(())
+}
+
+fn say(demo: &Demo, played: &Played, out: Option<&Path>, json: bool) {
+    if json {
+        let line = serde_json::json!({
+            "demo": demo.name, "frames": demo.times_s().len(), "steps": played.steps, "dt_s": played.dt_s,
+            "residual": played.residual, "written": out,
+        });
+        println!("{line}");
+        return;
+    }
+    println!(
+        "{}: {} frames, {} steps of {:.1} us",
+        demo.name,
+        demo.times_s().len(),
+        played.steps,
+        1e6 * played.dt_s
+    );
+    match &played.residual {
+        Some(r) => println!(
+            "the measured rope lies {:.2} mm (rms) from it, {:.1} times the declared noise; {} offsets",
+            r.rms_mm, r.floors, r.rows
+        ),
+        None => println!("too little of the rope was measured to compare"),
+    }
+    if let Some(out) = out {
+        println!("wrote {}", out.display());
+    }
+}

@@ -1,0 +1,135 @@
+//! A part of a recording is a demonstration of its own: it loads, its times begin at zero, and its clamps are
+//! where they were.
+
+use offline::demo::{
+    ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
+    StartState,
+};
+
+/// A rope that hangs from a clamp which turns about y at 1 rad/s and moves along x at 0.1 m/s; frames at 10 Hz,
+/// the clamp at 4 Hz.
+fn recording() -> Demo {
+    let clamp = (0..=8).map(|k| {
+        let t_s = 0.25 * f64::from(k);
+        let half = 0.5 * t_s;
+        ClampSample {
+            t_s,
+            position_m: [0.1 * t_s, 0.0, 1.0],
+            quaternion_xyzw: [0.0, half.sin(), 0.0, half.cos()],
+            closed: true,
+        }
+    });
+    let markers = (0..=20).map(|k| MarkerSample {
+        t_s: 0.1 * f64::from(k),
+        marker: "tip".into(),
+        s_m: 0.25,
+        position_m: [0.01 * f64::from(k), 0.0, 0.75],
+    });
+    Demo {
+        name: "long".into(),
+        spec: DemoSpec {
+            format: FORMAT.into(),
+            scene: SceneKind::Free,
+            noise_m: 0.001,
+            planar: false,
+            notes: String::new(),
+            start: StartState::Rest,
+            rope: RopeSpec {
+                length_m: 0.25,
+                diameter_m: 0.014,
+                mass_kg: 0.0385,
+                direction: [0.0, 0.0, -1.0],
+                end_mass_kg: 0.0,
+                roll_rad: 0.0,
+                assumed: Vec::new(),
+            },
+            table: None,
+            clamps: vec![ClampSpec {
+                end: RopeEnd::Start,
+                grip_m: 0.02,
+                direction: None,
+            }],
+            cameras: Vec::new(),
+        },
+        clamps: vec![clamp.collect()],
+        commanded: vec![None],
+        observations: Observations::Markers(markers.collect()),
+    }
+}
+
+fn near(got: &[f64], wanted: &[f64]) {
+    for (a, b) in got.iter().zip(wanted) {
+        assert!((a - b).abs() < 1e-9, "{got:?}, not {wanted:?}");
+    }
+}
+
+#[test]
+fn the_beginning_starts_as_the_recording_does() {
+    let part = recording()
+        .cut(f64::NEG_INFINITY, 0.61, StartState::Moving)
+        .unwrap();
+    assert_eq!(part.spec, recording().spec);
+    near(&part.times_s(), &[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]);
+    // The sample after the last frame says where the clamp is in that frame.
+    let times: Vec<f64> = part.clamps[0].iter().map(|s| s.t_s).collect();
+    near(&times, &[0.0, 0.25, 0.5, 0.75]);
+}
+
+#[test]
+fn a_part_from_the_middle_begins_at_zero_where_the_clamp_was() {
+    let part = recording().cut(0.55, 1.3, StartState::Moving).unwrap();
+    assert_eq!(part.spec.start, StartState::Moving);
+    near(&part.times_s()[..2], &[0.0, 0.1]);
+    assert_eq!(part.times_s().len(), 8);
+    let first = &part.clamps[0][0];
+    assert_eq!(first.t_s, 0.0);
+    near(&first.position_m, &[0.06, 0.0, 1.0]);
+    near(&first.quaternion_xyzw, &[0.0, 0.3_f64.sin(), 0.0, 0.3_f64.cos()]);
+    // The clamp has turned by 0.6 rad, and the gripped piece with it.
+    let direction = [-(0.6_f64.sin()), 0.0, -(0.6_f64.cos())];
+    near(&part.spec.clamps[0].direction.unwrap(), &direction);
+    near(&part.spec.rope.direction, &direction);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("part");
+    part.save(&path).unwrap();
+    assert_eq!(Demo::load(&path).unwrap().times_s(), part.times_s());
+}
+
+#[test]
+fn parts_of_parts_are_those_of_the_whole() {
+    let whole = recording();
+    let once = whole.cut(0.95, 1.65, StartState::Moving).unwrap();
+    let twice = whole.cut(0.45, f64::INFINITY, StartState::Moving).unwrap();
+    let twice = twice.cut(0.45, 1.15, StartState::Moving).unwrap();
+    near(&twice.times_s(), &once.times_s());
+    for (a, b) in twice.clamps[0].iter().zip(&once.clamps[0]) {
+        near(&[a.t_s], &[b.t_s]);
+        near(&a.position_m, &b.position_m);
+        near(&a.quaternion_xyzw, &b.quaternion_xyzw);
+    }
+    near(&twice.spec.rope.direction, &once.spec.rope.direction);
+}
+
+#[test]
+fn a_time_when_nothing_was_seen_is_refused() {
+    let error = recording().cut(5.0, 6.0, StartState::Moving).unwrap_err();
+    assert!(
+        error.to_string().contains("choose times between 0 and 2 s"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_clamp_that_let_go_is_left_out_and_one_that_grips_later_is_refused() {
+    let mut demo = recording();
+    for sample in &mut demo.clamps[0] {
+        sample.closed = sample.t_s < 0.9;
+    }
+    let part = demo.cut(1.0, 2.0, StartState::Moving).unwrap();
+    assert!(part.clamps.is_empty() && part.spec.clamps.is_empty());
+    for sample in &mut demo.clamps[0] {
+        sample.closed = sample.t_s > 1.4;
+    }
+    let error = demo.cut(1.0, 2.0, StartState::Moving).unwrap_err();
+    assert!(error.to_string().contains("clamp 0 closes"), "{error}");
+}

@@ -1,0 +1,99 @@
+//! `offline simulate` as a user calls it: a rope moved as in a demonstration, and one that swings.
+
+use offline::demo::Demo;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn simulate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_offline"))
+        .arg("simulate")
+        .args(arguments)
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap())
+        .output()
+        .unwrap()
+}
+
+fn json(arguments: &[&str]) -> serde_json::Value {
+    let output = simulate(&[arguments, &["--json"]].concat());
+    assert!(output.status.success(), "{output:?}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn a_rope_like_the_measured_one_lies_nearer_to_it_than_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("simulated");
+    let out = out.to_str().unwrap();
+    let rms_mm = |young_pa: &str, effects: &[&str]| {
+        let result = json(&[&["--young-pa", young_pa], effects, &["--out", out]].concat());
+        result["residual"]["rms_mm"].as_f64().unwrap()
+    };
+    // The sample rope is simulated by the twin: 0.9 MPa and 9 g at its tip.
+    let alike = rms_mm("0.9e6", &["--effect", "tip_mass=0.009"]);
+    let (bare, stiff) = (
+        rms_mm("0.9e6", &[]),
+        rms_mm("5e6", &["--effect", "tip_mass=0.009"]),
+    );
+    assert!(
+        2.0 * alike < bare && 2.0 * alike < stiff,
+        "{alike}, {bare}, {stiff} mm"
+    );
+    let written = Demo::load(out).unwrap();
+    assert!(written.spec.notes.contains("simulated"));
+    let measured = Demo::load("demos/sample-rope/fit").unwrap();
+    assert_eq!(written.times_s(), measured.times_s());
+}
+
+#[test]
+fn a_heavier_tip_changes_the_reach() {
+    let reach = |effects: &[&str]| {
+        let base = ["--young-pa", "0.9e6", "--release", "0.15", "0.15"];
+        json(&[&base, effects].concat())["reach_m"].as_f64().unwrap()
+    };
+    let (bare, heavy) = (reach(&[]), reach(&["--effect", "tip_mass=0.009"]));
+    assert!((bare - heavy).abs() > 1e-3, "{bare} and {heavy} m");
+}
+
+#[test]
+fn wrong_use_says_what_to_do() {
+    let cases = [
+        (
+            &["--young-pa", "1e6", "--effect", "glue=1"][..],
+            2,
+            "effect `glue` is not known",
+        ),
+        (
+            &["--young-pa", "1e6", "--effect", "tip_mass=heavy"],
+            2,
+            "`heavy` is no number",
+        ),
+        (
+            &["--young-pa", "1e6", "--effect", "tip_mass=-1"],
+            2,
+            "mass_kg lies from 0",
+        ),
+        (
+            &["--young-pa", "1e6", "--effect", "steady_wind=1"],
+            2,
+            "steady_wind has 2 parameters",
+        ),
+        (&[], 2, "--young-pa"),
+        (
+            &["--young-pa", "1e20"],
+            1,
+            "--young-pa 100000000000000000000 is outside",
+        ),
+        (
+            &["--young-pa", "1e6", "--release", "0.9", "0.9"],
+            1,
+            "the rope reaches",
+        ),
+        (&["--model", "nowhere.toml"], 1, "cannot read nowhere.toml"),
+    ];
+    for (arguments, code, words) in cases {
+        let output = simulate(arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+}
