@@ -3,12 +3,12 @@
 
 use offline::bench_diagnosis::cells::Cell;
 use offline::bench_diagnosis::experiment::{MOTIONS, seen};
-use offline::bench_diagnosis::reality::{Finer, Reality};
+use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations};
 use offline::diagnose::{
-    LoopOptions, Outcome, Refit, Round, ScoreTable, Verdict, close_loop, problems, proposed_demo, separating,
-    still_alike,
+    LoopOptions, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems, proposed_demo,
+    residual_force, separating, still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
@@ -71,6 +71,39 @@ fn the_shipped_rope_lacks_its_tip_mass_and_nothing_else() {
         panic!("{}", outcome.verdict);
     };
     assert_eq!(effects, ["tip_mass"]);
+}
+
+/// A tilt that no effect of the library may explain is left over, and described as what it is: a steady push sideways.
+#[test]
+fn what_nothing_explains_is_described_as_a_force() {
+    let tilt = Part {
+        id: "tilted_gravity".into(),
+        values: vec![0.08, 0.05],
+    };
+    let motion = MOTIONS[1];
+    let track = Finer.tracks(0.4e6, &[tilt], &[motion]).unwrap().remove(0);
+    let demo = motion.demo(&track, 0.001, 1);
+    let mut options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
+    options.hidden = (0..effects::ALL.len()).collect();
+    let outcome = close_loop(&[&demo], &[], &options, &|line| println!("{line}")).unwrap();
+    assert!(
+        matches!(outcome.verdict, Verdict::Unexplained { .. }),
+        "{}",
+        outcome.verdict
+    );
+    let began = Instant::now();
+    let force = residual_force(&[&demo], &[], &outcome, &options)
+        .unwrap()
+        .unwrap();
+    println!("{:.1} s: {}", began.elapsed().as_secs_f64(), force.in_words);
+    let best = &force.terms[0];
+    assert!(
+        best.id == "steady_sideways" && best.share > STABLE,
+        "{:?}",
+        force.terms
+    );
+    assert!(force.explains(), "{}", force.removed);
+    assert!(force.in_words.contains("a steady sideways push") && force.in_words.contains("A hint"));
 }
 
 /// The shortest diagnosis: a rope without any cause under so much noise that nothing but noise is left.

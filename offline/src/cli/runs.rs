@@ -28,7 +28,6 @@ static STOP: AtomicBool = AtomicBool::new(false);
 /// Runs all stages up to `last`.
 pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<()> {
     let reporter = Reporter::new();
-    catch_interrupt()?;
     set_threads(arguments.threads)?;
     let (demos, held_out, name) = chosen(arguments)?;
     let inputs = Inputs::load(&name, &demos, &held_out)?;
@@ -45,6 +44,9 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let run = RunFolder::open(&out)?;
     let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
     say_identified(&identified, &reporter);
+    if let Some(force) = &identified.residual_force {
+        reporter.say(&format!("what is left: {}", force.in_words));
+    }
     say_advice(&identified.advice, &reporter);
     let fitted: Vec<&Demo> = inputs.demos.iter().collect();
     for warning in misfits(&fitted, &identified.outcome.fitted.best) {
@@ -53,6 +55,8 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let mut summary = summary_of(&identified, &run);
     let mut learned_policy = None;
     if last > Stage::Diagnose {
+        // What comes before has nothing to save half-way: there Ctrl-C ends the program at once.
+        catch_interrupt()?;
         let watch = Watch {
             progress: &|p| reporter.advance(p),
             stop: &STOP,
@@ -124,6 +128,7 @@ fn report(
         demos: &demos,
         held_out: &held_out,
         outcome,
+        residual_force: identified.residual_force.as_ref(),
         advice: &identified.advice,
         before: &before,
         after: &after,

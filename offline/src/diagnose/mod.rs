@@ -7,6 +7,7 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 mod conclude;
+mod force;
 mod gates;
 mod next;
 mod noise;
@@ -15,6 +16,8 @@ mod rounds;
 mod score;
 mod verdict;
 
+pub use force::terms::{STABLE, TermShare};
+pub use force::{DemoForce, ResidualForce, residual_force};
 pub use gates::Gate;
 pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks};
 pub use next::{

@@ -402,13 +402,13 @@ impl Block {
 }
 
 /// Removes from a vector what the always-free columns explain, their priors taken into account.
-struct Projector {
+pub(super) struct Projector {
     columns: DMatrix<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
 }
 
 impl Projector {
-    fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
+    pub(super) fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
         let mut hessian = columns.tr_mul(&columns);
         for (k, p) in precision.iter().enumerate() {
             hessian[(k, k)] += p;
@@ -421,16 +421,16 @@ impl Projector {
         }
     }
 
-    fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
         v - &self.columns * self.factor.solve(&self.columns.tr_mul(v))
     }
 
-    fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(super) fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
         m - &self.columns * self.factor.solve(&self.columns.tr_mul(m))
     }
 }
 
-fn precision(info: &ParameterInfo) -> f64 {
+pub(super) fn precision(info: &ParameterInfo) -> f64 {
     1.0 / (info.prior_sd * info.prior_sd)
 }
 

@@ -6,6 +6,7 @@ use crate::demo::Demo;
 use crate::effects;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, interpolate, measure};
+use crate::sim::physics::ForceField;
 use crate::sim::rollout::Track;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
@@ -154,7 +155,14 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn residuals(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        let rollouts = self.predict(structure, theta)?;
+        self.residuals_of(theta, &self.predict(structure, theta)?)
+    }
+
+    /// Residuals of what [`Self::predict`] returned for θ.
+    ///
+    /// # Errors
+    /// Too little was measured.
+    pub fn residuals_of(&self, theta: &[f64], rollouts: &[Rollout<f32>]) -> Result<Evaluation, FitError> {
         let rows = (0..self.demos.len())
             .into_par_iter()
             .map(|d| {
@@ -259,9 +267,21 @@ impl<'a> Problem<'a> {
         structure: &Structure,
         theta: &[T],
     ) -> Result<Rollout<T>, FitError> {
+        self.rollout_under(demo, structure, theta, None)
+    }
+
+    /// The same under a force that no effect describes.
+    pub(super) fn rollout_under<T: Laned>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[T],
+        force_field: Option<ForceField<T>>,
+    ) -> Result<Rollout<T>, FitError> {
         let spec = &self.demos[demo].spec;
         let mut physics = structure.physics(theta, spec.friction());
         physics.roll(spec.rope.roll_rad);
+        physics.force_field = force_field;
         simulate(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
     }
 

@@ -22,7 +22,7 @@ const MAX_TANGENTS: usize = 12;
 const SEEN: usize = 8;
 
 /// Points, or their slopes, by frame and slice.
-type Frames = Vec<Vec<[f64; 3]>>;
+pub(super) type Frames = Vec<Vec<[f64; 3]>>;
 
 /// Entries of θ whose trial could not be simulated, and why.
 pub(super) type Failures = Vec<(usize, FitError)>;
@@ -370,17 +370,14 @@ fn tangents_of<F: Float, const N: usize>(
     frames: &[Vec<Vec3<Dual<F, N>>>],
     columns: &[usize],
 ) -> Vec<(usize, Frames)> {
-    columns
-        .iter()
-        .enumerate()
-        .map(|(lane, &column)| {
-            let slope = |point: &[Dual<F, N>; 3]| point.map(|x| x.tangent[lane].value());
-            (
-                column,
-                frames.iter().map(|f| f.iter().map(slope).collect()).collect(),
-            )
-        })
-        .collect()
+    let of_lane = |(lane, &column): (usize, &usize)| (column, frames_of(frames, lane));
+    columns.iter().enumerate().map(of_lane).collect()
+}
+
+/// The tangents of frames in one lane.
+pub(super) fn frames_of<F: Float, const N: usize>(frames: &[Vec<Vec3<Dual<F, N>>>], lane: usize) -> Frames {
+    let slope = |point: &[Dual<F, N>; 3]| point.map(|x| x.tangent[lane].value());
+    frames.iter().map(|f| f.iter().map(slope).collect()).collect()
 }
 
 /// The values of a rollout.

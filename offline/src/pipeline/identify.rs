@@ -3,8 +3,8 @@
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, LoopOptions, NextDemonstration, Outcome, ReasonCode, Round, SwingRisks, Verdict, advise,
-    close_loop,
+    Advice, LoopOptions, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round, SwingRisks, Verdict,
+    advise, close_loop, residual_force,
 };
 use crate::effects;
 use crate::fit::{estimates, fit_from};
@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 pub struct Identified {
     /// The loop's outcome.
     pub outcome: Outcome,
+    /// What is left, as a force; none where it is explained.
+    pub residual_force: Option<ResidualForce>,
     /// What to do next, and what matters for the swing.
     pub advice: Advice,
     /// The rope.
@@ -64,6 +66,9 @@ struct DiagnosisFile {
     held_out_before: ResidualSummary,
     held_out_after: ResidualSummary,
     rounds: Vec<Round>,
+    /// What is left, as a force along the rope; none where it is explained.
+    #[serde(default)]
+    residual_force: Option<ResidualForce>,
     /// The demonstration that would tell most.
     next_demonstration: NextDemonstration,
     /// How far each effect could move the reach of the swing at the size that the data still allow.
@@ -85,13 +90,14 @@ pub fn identify(
     let held_out: Vec<&Demo> = inputs.held_out.iter().collect();
     let key = key(inputs, settings);
     let options = LoopOptions::new(settings.resolution(), settings.seed);
-    let (outcome, advice) = match earlier(run, key) {
+    let (outcome, force, advice) = match earlier(run, key) {
         Some((fit, diagnosis)) => {
             progress("fit and diagnosis are there from an earlier run");
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
             let mut outcome = close_loop(&demos, &held_out, &options, progress)?;
+            let force = force_left(&demos, &held_out, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
                 separating_demonstration,
@@ -100,8 +106,8 @@ pub fn identify(
             {
                 separating_demonstration.clone_from(&advice.next_demonstration.in_words);
             }
-            save(run, key, &outcome, &advice)?;
-            (outcome, advice)
+            save(run, key, &outcome, force.as_ref(), &advice)?;
+            (outcome, force, advice)
         }
     };
     let model = model(inputs, settings, &outcome);
@@ -110,9 +116,28 @@ pub fn identify(
     let hashed = toml::to_string(&(&model.rope, &model.effects, settings.cells)).unwrap_or_default();
     Ok(Identified {
         outcome,
+        residual_force: force,
         advice,
         model_hash: Fnv64::of(hashed.as_bytes()),
         model,
+    })
+}
+
+/// What is left as a force, where nothing explains it.
+fn force_left(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    outcome: &Outcome,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Option<ResidualForce> {
+    if !matches!(outcome.verdict, Verdict::Unexplained { .. }) {
+        return None;
+    }
+    progress("asking which force along the rope would explain what is left");
+    residual_force(demos, held_out, outcome, options).unwrap_or_else(|error| {
+        progress(&format!("no such force could be found: {error}"));
+        None
     })
 }
 
@@ -144,7 +169,7 @@ fn restore(
     options: &LoopOptions,
     fit: FitFile,
     diagnosis: DiagnosisFile,
-) -> anyhow::Result<(Outcome, Advice)> {
+) -> anyhow::Result<(Outcome, Option<ResidualForce>, Advice)> {
     let structure = Structure {
         effects: fit.effects.iter().filter_map(|id| effects::find(id)).collect(),
     };
@@ -171,10 +196,16 @@ fn restore(
         grid_shift: fit.grid_shift,
         library: None,
     };
-    Ok((outcome, advice))
+    Ok((outcome, diagnosis.residual_force, advice))
 }
 
-fn save(run: &RunFolder, key: u64, outcome: &Outcome, advice: &Advice) -> anyhow::Result<()> {
+fn save(
+    run: &RunFolder,
+    key: u64,
+    outcome: &Outcome,
+    residual_force: Option<&ResidualForce>,
+    advice: &Advice,
+) -> anyhow::Result<()> {
     let fit = FitFile {
         key,
         base_theta: outcome.base.best.theta.clone(),
@@ -212,6 +243,7 @@ fn save(run: &RunFolder, key: u64, outcome: &Outcome, advice: &Advice) -> anyhow
         held_out_before: ResidualSummary::of(&outcome.held_out_before),
         held_out_after: ResidualSummary::of(&outcome.held_out_after),
         rounds: outcome.rounds.clone(),
+        residual_force: residual_force.cloned(),
         next_demonstration: advice.next_demonstration.clone(),
         swing: advice.swing.clone(),
     };
@@ -238,17 +270,12 @@ fn save_residual(run: &RunFolder, demos: &[&Demo], outcome: &Outcome) -> anyhow:
 }
 
 fn model(inputs: &Inputs, settings: &RunSettings, outcome: &Outcome) -> ModelFile {
-    let rope = &inputs.demos[0].spec.rope;
     let all = outcome.estimates();
     ModelFile {
         format: FORMAT.into(),
         name: inputs.name.clone(),
         verdict: outcome.verdict.to_string(),
-        rope: RopeShape {
-            length_m: rope.length_m,
-            diameter_m: rope.diameter_m,
-            mass_kg: rope.mass_kg,
-        },
+        rope: RopeShape::of_spec(&inputs.demos[0].spec.rope),
         elasticity: all[..2].to_vec(),
         effects: ModelFile::entries(&outcome.structure, &all),
         provenance: ModelProvenance {

@@ -1,6 +1,7 @@
 //! One self-contained HTML page with everything that a run found: no script, no network.
 
 mod answer;
+mod force;
 mod maps;
 mod next;
 mod overlay;
@@ -14,7 +15,7 @@ pub use view::{DemoView, views};
 
 use crate::collect::DatasetSummary;
 use crate::demo::Demo;
-use crate::diagnose::{Advice, Outcome};
+use crate::diagnose::{Advice, Outcome, ResidualForce};
 use crate::evaluate::Evaluation;
 use crate::inspect::BlobReport;
 use crate::trained::TrainingRecord;
@@ -30,6 +31,8 @@ pub struct ReportInput<'a> {
     pub held_out: &'a [&'a Demo],
     /// What the loop found.
     pub outcome: &'a Outcome,
+    /// What is left, as a force; none where it is explained.
+    pub residual_force: Option<&'a ResidualForce>,
     /// What to do next, and what matters for the swing.
     pub advice: &'a Advice,
     /// The base model on every demonstration, fitted ones first.
@@ -61,6 +64,7 @@ pub fn html(input: &ReportInput) -> String {
         (overlay::section(input))
         (residuals::section(input))
         (ranking::section(&input.outcome.rounds))
+        (force::section(input.residual_force))
         (next::section(input.advice))
         (policy::section(input.policy.as_ref()))
         (page::provenance(input))

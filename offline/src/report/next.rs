@@ -1,7 +1,7 @@
 //! What to do next: the motions that were considered with what each would tell, and how far each effect
 //! could move the swing at the size that the data still allow.
 
-use super::page::{effect_title, parameter_title, significant, unit};
+use super::page::{effect_title, parameter_title, sentence, significant, unit};
 use crate::diagnose::{Advice, MotionProspect, NextDemonstration, Question, SwingRisk, SwingRisks};
 use maud::{Markup, html};
 
@@ -32,13 +32,6 @@ fn motions(next: &NextDemonstration) -> Markup {
             (explained(&next.question))
         }
     }
-}
-
-/// A sentence of its own.
-fn sentence(words: &str) -> String {
-    let mut letters = words.chars();
-    let first = letters.next().map(|c| c.to_uppercase().to_string());
-    format!("{}{}.", first.unwrap_or_default(), letters.as_str())
 }
 
 fn question(question: &Question) -> Markup {

@@ -5,8 +5,8 @@ use super::*;
 use crate::demo::CloudFrame;
 use crate::demo::Observations;
 use crate::diagnose::{
-    Allowed, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable, SwingRisk,
-    SwingRisks, Verdict,
+    Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable,
+    SwingRisk, SwingRisks, TermShare, Verdict,
 };
 use crate::effects;
 use crate::fit::{self, Correlation, FitResult, StopReason};
@@ -170,6 +170,29 @@ fn outcome() -> Outcome {
     }
 }
 
+fn residual_force() -> ResidualForce {
+    ResidualForce {
+        in_words: "a force of <0.2> of its weight".to_owned(),
+        demos: vec![DemoForce {
+            demo: "lift <1>".to_owned(),
+            block_s: 0.2,
+            knots_m: [0.02, 0.1, 0.18, 0.25],
+            force_n_m: vec![[[0.0, 0.0, -0.1]; 4], [[0.0; 3]; 4]],
+        }],
+        removed: 0.9,
+        of_weight: 0.2,
+        static_share: 0.5,
+        work_j: [0.1, 0.2],
+        speed_ratio: 1.0,
+        higher_m: 0.0,
+        terms: vec![TermShare {
+            id: "velocity".to_owned(),
+            words: "a force along the velocity".to_owned(),
+            share: 0.93,
+        }],
+    }
+}
+
 fn advice() -> Advice {
     let motion = |id: &str, power: f64| MotionProspect {
         id: id.to_owned(),
@@ -216,6 +239,7 @@ fn advice() -> Advice {
 fn report() -> String {
     let demo = shipped();
     html(&ReportInput {
+        residual_force: Some(&residual_force()),
         advice: &advice(),
         title: "Rope <7>",
         demos: &[&demo],
@@ -257,12 +281,21 @@ fn the_answer_comes_first_in_mm_and_in_floors() {
         "Measured and simulated rope",
         "What the models leave unexplained",
         "Which physics is missing",
+        "What is left, as a force",
         "The next demonstration",
         "What matters for the swing",
         "<h2>Policy",
         "<h2>Provenance",
     ];
     assert!(order.map(place).is_sorted());
+}
+
+#[test]
+fn what_is_left_is_shown_as_a_force_with_what_describes_it() {
+    let page = report();
+    assert!(page.contains("A force of &lt;0.2&gt; of its weight."));
+    assert!(page.contains(">0.10</td>") && page.contains("around") && page.contains("0.3 s"));
+    assert!(page.contains("a force along the velocity") && page.contains("93 %"));
 }
 
 #[test]

@@ -216,15 +216,18 @@ pub trait ObservationLaw<T: Real>: Send + Sync {
 pub struct ForceField<T> {
     /// Length of a block, s; the first starts at zero. After the last block there is no force.
     pub block_s: f64,
-    /// Force per length of rope, N/m, by block and slice.
+    /// Force per length of rope, N/m, by block and slice; without slices there is none in a block.
     pub force_n_m: Vec<Vec<Vec3<T>>>,
 }
 
 impl<T> ForceField<T> {
-    /// The block in which a time lies.
+    /// The block in which a time lies, if there is a force in it.
     pub fn block(&self, t_s: f64) -> Option<usize> {
         let block = (t_s / self.block_s) as usize;
-        (block < self.force_n_m.len()).then_some(block)
+        self.force_n_m
+            .get(block)
+            .filter(|force| !force.is_empty())
+            .map(|_| block)
     }
 }
 

@@ -232,11 +232,7 @@ impl<'a> Desk<'a> {
             &self.noise,
         ));
         let rope = &self.problem.demos[0].spec.rope;
-        let shape = RopeShape {
-            length_m: rope.length_m,
-            diameter_m: rope.diameter_m,
-            mass_kg: rope.mass_kg,
-        };
+        let shape = RopeShape::of_spec(rope);
         let (structure, theta) = (&fitted.structure, &fitted.theta);
         Ok(SwingRisks::of(
             shape,
