@@ -199,8 +199,7 @@ pub fn close_loop(
     let structure = Structure::default();
     progress("fitting the base model from several starts");
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
-    let times: Vec<Vec<f64>> = bench.fit.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
-    let noise = Noise::at_rest(demos, &base.best, &times);
+    let noise = Noise::measured(&bench.fit, &base.best);
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
         for row in base.best.rows.iter_mut().flatten() {

@@ -17,8 +17,9 @@ use self::words::EXPLAINS;
 use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome, problems};
 use crate::demo::{Demo, SceneKind};
-use crate::fit::{Correlation, FitError, KNOTS, Problem};
+use crate::fit::{FitError, KNOTS, Problem};
 use crate::sim::physics::GRAVITY_M_S2;
+use crate::sim::tensor::dot;
 use serde::{Deserialize, Serialize};
 
 /// Blocks of time of a demonstration in which the force is constant.
@@ -81,12 +82,11 @@ pub fn residual_force(
         return Ok(None);
     }
     let (fit, _) = problems(demos, held_out, options)?;
-    let noise_scale = outcome.noise_scale.unwrap_or(1.0);
-    let noise = noise_of(outcome);
+    let noise = Noise::measured(&fit, &outcome.base.best).unwrap_or(Noise::DECLARED);
     let mut found = Vec::new();
     for (&demo, scene) in demos.iter().zip(fit.scenes) {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
-        problem.noise_scale = noise_scale;
+        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         found.push(estimate(
             &problem,
             &outcome.structure,
@@ -97,22 +97,7 @@ pub fn residual_force(
     Ok(Some(summary(&found, options.seed)))
 }
 
-/// The noise's correlation is not kept beyond the loop; that of the final residual is an upper bound on it, which
-/// costs a hint some sharpness and invents nothing.
-fn noise_of(outcome: &Outcome) -> Noise {
-    let correlation = Correlation::of(&outcome.fitted.best);
-    Noise {
-        scale: outcome.noise_scale.unwrap_or(1.0),
-        in_time: correlation.in_time.min(MOST_ALIKE),
-        along_rope: correlation.along_rope.min(MOST_ALIKE),
-        values: f64::INFINITY,
-    }
-}
-
-/// Beyond it whitening would see nothing but the fastest changes.
-const MOST_ALIKE: f64 = 0.7;
-
-/// A vector by block and knot with what it weighs.
+/// The force at one knot in one block of time.
 struct Cell<'a> {
     force_n_m: [f64; 3],
     motion: &'a Motion,
@@ -123,34 +108,34 @@ struct Cell<'a> {
 fn summary(found: &[Estimated], seed: u64) -> ResidualForce {
     let cells: Vec<Cell> = found.iter().flat_map(cells_of).collect();
     let sum = |of: &dyn Fn(&Cell) -> f64| cells.iter().map(|c| c.extent * of(c)).sum::<f64>();
-    let square = |f: [f64; 3]| f.iter().map(|x| x * x).sum::<f64>();
-    let (all, pushes) = (sum(&|_| 1.0), sum(&|c| square(c.force_n_m)));
-    let mean = |of: &dyn Fn(&Cell) -> f64| sum(of) / all;
-    let pushed = |of: &dyn Fn(&Cell) -> f64| sum(&|c| square(c.force_n_m) * of(c)) / pushes;
-    let power = |c: &Cell| {
-        (0..3)
-            .map(|k| c.force_n_m[k] * c.motion.velocity_m_s[k])
-            .sum::<f64>()
-    };
-    let weight_n_m = found.iter().map(|f| f.weight_n_m).sum::<f64>() / found.len() as f64;
-    let (mut left, mut before) = (0.0, 0.0);
-    for f in found {
-        left += f.excess_m2[1];
-        before += f.excess_m2[0];
-    }
+    let square = |c: &Cell| dot(c.force_n_m, c.force_n_m);
+    let power = |c: &Cell| dot(c.force_n_m, c.motion.velocity_m_s);
+    let (all, pushes) = (sum(&|_| 1.0), sum(&square));
+    let mean = |of: &dyn Fn(&Cell) -> f64| share(sum(of), all);
+    let pushed = |of: &dyn Fn(&Cell) -> f64| share(sum(&|c| square(c) * of(c)), pushes);
+    let total = |of: fn(&Estimated) -> f64| found.iter().map(of).sum::<f64>();
+    let taken = total(|f| f.excess_m2[0] - f.excess_m2[1]);
     let mut force = ResidualForce {
         in_words: String::new(),
         demos: found.iter().map(|f| f.force.clone()).collect(),
-        removed: 1.0 - left / before,
-        of_weight: (pushes / all).sqrt() / weight_n_m,
-        static_share: found.iter().map(steady_square).sum::<f64>() / pushes,
+        removed: share(taken, total(|f| f.excess_m2[0])),
+        of_weight: share(
+            share(pushes, all).sqrt() * found.len() as f64,
+            total(|f| f.weight_n_m),
+        ),
+        static_share: share(total(steady_square), pushes),
         work_j: [sum(&|c| power(c).max(0.0)), sum(&|c| (-power(c)).max(0.0))],
-        speed_ratio: pushed(&|c| c.motion.speed_m_s()) / mean(&|c| c.motion.speed_m_s()).max(1e-9),
+        speed_ratio: share(pushed(&|c| c.motion.speed_m_s()), mean(&|c| c.motion.speed_m_s())),
         higher_m: pushed(&|c| c.motion.position_m[2]) - mean(&|c| c.motion.position_m[2]),
         terms: stable_terms(found, seed),
     };
     force.in_words = words::sentence(&force);
     force
+}
+
+/// A part of a whole; nothing of nothing.
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
 }
 
 /// Length of rope that each knot stands for, m.
@@ -190,4 +175,64 @@ fn steady_square(found: &Estimated) -> f64 {
 /// Weight of a metre of a demonstration's rope, N.
 fn weight_n_m(demo: &Demo) -> f64 {
     demo.spec.rope.mass_kg / demo.spec.rope.length_m * GRAVITY_M_S2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::Pushes;
+    use nalgebra::{DMatrix, DVector};
+
+    /// A rope that moves at 2 m/s along x, pushed by what `force` gives for each block.
+    fn found(force: impl Fn(usize) -> [f64; 3], excess_m2: [f64; 2]) -> Estimated {
+        let pushes = Pushes {
+            block_s: 0.1,
+            blocks: BLOCKS,
+            knots_m: [0.0, 0.1, 0.2, 0.3],
+        };
+        let motion = |knot: usize| Motion {
+            velocity_m_s: [2.0, 0.0, 0.0],
+            knot,
+            ..Motion::default()
+        };
+        Estimated {
+            force: DemoForce {
+                demo: "r".into(),
+                block_s: pushes.block_s,
+                knots_m: pushes.knots_m,
+                force_n_m: (0..BLOCKS).map(|block| [force(block); KNOTS]).collect(),
+            },
+            motions: (0..BLOCKS).map(|_| std::array::from_fn(motion)).collect(),
+            residual: DVector::zeros(BLOCKS),
+            slopes: DMatrix::zeros(BLOCKS, pushes.components()),
+            blocks: (0..BLOCKS).collect(),
+            excess_m2,
+            weight_n_m: 2.0,
+        }
+    }
+
+    #[test]
+    fn shares_work_and_size_of_known_forces_are_exact() {
+        let steady = summary(&[found(|_| [-1.0, 0.0, 0.0], [4.0, 1.0])], 1);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a}, not {b}");
+        near(steady.removed, 0.75);
+        near(steady.of_weight, 0.5);
+        near(steady.static_share, 1.0);
+        near(steady.speed_ratio, 1.0);
+        // 1 N/m against 2 m/s over 0.3 m and 1 s.
+        near(steady.work_j[0], 0.0);
+        near(steady.work_j[1], 0.6);
+        let turns = |block: usize| [if block.is_multiple_of(2) { 1.0 } else { -1.0 }, 0.0, 0.0];
+        let turning = summary(&[found(turns, [4.0, 5.0])], 1);
+        near(turning.static_share, 0.0);
+        near(turning.work_j[0], 0.3);
+        near(turning.removed, -0.25);
+    }
+
+    #[test]
+    fn nothing_is_no_number_that_a_file_cannot_hold() {
+        let none = summary(&[found(|_| [0.0; 3], [0.0, 0.0])], 1);
+        let text = serde_json::to_string(&none).unwrap();
+        assert_eq!(serde_json::from_str::<ResidualForce>(&text).unwrap(), none);
+    }
 }

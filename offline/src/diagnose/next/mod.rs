@@ -199,9 +199,8 @@ impl<'a> Desk<'a> {
     ) -> Result<Self, FitError> {
         let (mut problem, _) = problems(demos, held_out, options)?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
-        let times: Vec<Vec<f64>> = problem.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
         Ok(Self {
-            noise: Noise::at_rest(demos, &outcome.base.best, &times).unwrap_or(Noise::DECLARED),
+            noise: Noise::measured(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
             look: Look::of(demos[0], &outcome.fitted.best.rows[0]),
             problem,
             options,
