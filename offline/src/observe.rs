@@ -71,6 +71,14 @@ pub fn interpolate<T: Copy + Into<f64>>(points: &[[T; 3]], (low, share): (usize,
     std::array::from_fn(|k| points[low][k].into() * (1.0 - share) + points[low + 1][k].into() * share)
 }
 
+impl Row {
+    /// The part along the row's direction of a vector that is given at the points of a centreline.
+    pub fn along(&self, vectors: &[[f64; 3]], place: (usize, f64)) -> f64 {
+        let vector = interpolate(vectors, place);
+        (0..3).map(|k| self.direction[k] * vector[k]).sum()
+    }
+}
+
 /// All rows of one recorded time.
 pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -> Vec<Row> {
     match &demo.observations {

@@ -1,10 +1,7 @@
 //! A part of a recording is a demonstration of its own: it loads, its times begin at zero, and its clamps are
 //! where they were.
 
-use offline::demo::{
-    ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
-    StartState,
-};
+use offline::demo::{ClampSample, Demo, DemoSpec, MarkerSample, Observations, SceneKind, StartState};
 
 /// A rope that hangs from a clamp which turns about y at 1 rad/s and moves along x at 0.1 m/s; frames at 10 Hz,
 /// the clamp at 4 Hz.
@@ -25,36 +22,18 @@ fn recording() -> Demo {
         s_m: 0.25,
         position_m: [0.01 * f64::from(k), 0.0, 0.75],
     });
-    Demo {
-        name: "long".into(),
-        spec: DemoSpec {
-            format: FORMAT.into(),
-            scene: SceneKind::Free,
-            noise_m: 0.001,
-            planar: false,
-            notes: String::new(),
-            start: StartState::Rest,
-            rope: RopeSpec {
-                length_m: 0.25,
-                diameter_m: 0.014,
-                mass_kg: 0.0385,
-                direction: [0.0, 0.0, -1.0],
-                end_mass_kg: 0.0,
-                roll_rad: 0.0,
-                assumed: Vec::new(),
-            },
-            table: None,
-            clamps: vec![ClampSpec {
-                end: RopeEnd::Start,
-                grip_m: 0.02,
-                direction: None,
-            }],
-            cameras: Vec::new(),
-        },
-        clamps: vec![clamp.collect()],
-        commanded: vec![None],
-        observations: Observations::Markers(markers.collect()),
-    }
+    let mut demo = Demo::load("demos/sample-rope/fit").unwrap();
+    demo.spec = DemoSpec {
+        scene: SceneKind::Free,
+        start: StartState::Rest,
+        table: None,
+        cameras: Vec::new(),
+        ..demo.spec
+    };
+    demo.spec.rope.direction = [0.0, 0.0, -1.0];
+    demo.clamps = vec![clamp.collect()];
+    demo.observations = Observations::Markers(markers.collect());
+    demo
 }
 
 fn near(got: &[f64], wanted: &[f64]) {

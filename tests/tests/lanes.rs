@@ -3,8 +3,7 @@
 //! every tangent.
 
 use offline::demo::{
-    ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
-    StartState,
+    ClampSample, Demo, DemoSpec, MarkerSample, Observations, RopeEnd, SceneKind, StartState,
 };
 use offline::effects;
 use offline::fit::flows;
@@ -55,7 +54,6 @@ fn lift(cells: f64) -> Scene {
 fn in_motion() -> Scene {
     let seen = |t: f64, s: f64| [s + 0.4 * t, 0.2 * t, 1.0 - 0.3 * t - 4.0 * s * t];
     let times_s = [0.0, 0.02, 0.04];
-    let shape = paper_rope();
     let clamp = times_s.map(|t_s| ClampSample {
         t_s,
         position_m: seen(t_s, 0.0),
@@ -70,36 +68,17 @@ fn in_motion() -> Scene {
             position_m: seen(t_s, s_m),
         })
     });
-    let demo = Demo {
-        name: "in motion".into(),
-        spec: DemoSpec {
-            format: FORMAT.into(),
-            scene: SceneKind::Free,
-            noise_m: 0.001,
-            planar: false,
-            notes: String::new(),
-            start: StartState::Moving,
-            rope: RopeSpec {
-                length_m: shape.length_m,
-                diameter_m: shape.diameter_m,
-                mass_kg: shape.mass_kg,
-                direction: [1.0, 0.0, 0.0],
-                end_mass_kg: 0.0,
-                roll_rad: 0.0,
-                assumed: Vec::new(),
-            },
-            table: None,
-            clamps: vec![ClampSpec {
-                end: RopeEnd::Start,
-                grip_m: 0.02,
-                direction: None,
-            }],
-            cameras: Vec::new(),
-        },
-        clamps: vec![clamp.to_vec()],
-        commanded: vec![None],
-        observations: Observations::Markers(markers.collect()),
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../offline/demos/sample-rope/fit");
+    let mut demo = Demo::load(shipped).unwrap();
+    demo.spec = DemoSpec {
+        scene: SceneKind::Free,
+        start: StartState::Moving,
+        table: None,
+        cameras: Vec::new(),
+        ..demo.spec
     };
+    demo.clamps = vec![clamp.to_vec()];
+    demo.observations = Observations::Markers(markers.collect());
     Scene::of_demo(&demo, 1.5).unwrap()
 }
 
@@ -145,6 +124,23 @@ fn apart<T: Real>(a: &Rollout<T>, b: &Rollout<T>) -> f64 {
     largest
 }
 
+/// How far the tangents in one lane differ at most, and how large they are.
+fn tangents_apart<const N: usize>(
+    fast: &Rollout<Dual<f64, N>>,
+    slow: &Rollout<Dual<f64, N>>,
+    lane: usize,
+) -> (f64, f64) {
+    let (mut largest, mut size) = (0.0f64, 0.0f64);
+    for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
+        for k in 0..3 {
+            let [p, q] = [p[k], q[k]].map(|x| x.tangent[lane]);
+            largest = largest.max((p - q).abs());
+            size = size.max(q.abs());
+        }
+    }
+    (largest, size)
+}
+
 fn both<T: Laned>(scene: &Scene, physics: &Physics<T>) -> [Rollout<T>; 2] {
     [
         simulate(scene, physics).unwrap(),
@@ -181,13 +177,7 @@ fn a_rope_first_seen_in_motion_is_the_same() {
     assert!((falls(&fast) + 1.4).abs() < 0.2, "{}", falls(&fast));
     let input = |value: f64| Dual::<f64, 1>::input(value, 0);
     let [fast, slow] = both(&scene, &Physics::base(input(2.0e6), Dual::of(0.3), Dual::of(0.4)));
-    let (mut largest, mut size) = (0.0f64, 0.0f64);
-    for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
-        for k in 0..3 {
-            largest = largest.max((p[k].tangent[0] - q[k].tangent[0]).abs());
-            size = size.max(q[k].tangent[0].abs());
-        }
-    }
+    let (largest, size) = tangents_apart(&fast, &slow, 0);
     assert!(size > 0.0 && largest <= 1e-8 * size, "{largest} of {size}");
 }
 
@@ -228,14 +218,7 @@ fn every_tangent_is_the_same() {
         });
         let [fast, slow] = both(&lift(1.5), &physics);
         for input in first..inputs.min(first + N) {
-            let (mut largest, mut size) = (0.0f64, 0.0f64);
-            for (p, q) in fast.frames.iter().flatten().zip(slow.frames.iter().flatten()) {
-                for k in 0..3 {
-                    let [p, q] = [p[k], q[k]].map(|x| x.tangent[input - first]);
-                    largest = largest.max((p - q).abs());
-                    size = size.max(q.abs());
-                }
-            }
+            let (largest, size) = tangents_apart(&fast, &slow, input - first);
             println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
             assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
         }

@@ -158,10 +158,10 @@ fn replace(structure: &mut Structure, values: &mut Vec<f64>, effect: &Effect) {
 pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     let rope = Rope::of(arguments)?;
     let demo = || -> anyhow::Result<Demo> {
-        let folder = arguments.demo.clone();
-        Ok(Demo::load(
-            folder.map_or_else(|| Ok(shipped()?[0].clone()), anyhow::Ok)?,
-        )?)
+        Ok(match &arguments.demo {
+            Some(folder) => Demo::load(folder)?,
+            None => Demo::load(&shipped()?[0])?,
+        })
     };
     if let Some(release) = &arguments.release {
         let shape = match (rope.shape, &arguments.demo) {

@@ -34,9 +34,9 @@ impl Demo {
             return Ok(part);
         }
         for (index, path) in self.clamps.iter().enumerate() {
-            let open = |sample: &&ClampSample| !sample.closed && sample.t_s <= first_s;
-            let closes = |sample: &ClampSample| sample.closed && sample.t_s > first_s && sample.t_s <= last_s;
-            if path.iter().rfind(|s| s.t_s <= first_s).iter().any(open) && path.iter().any(closes) {
+            let open = path.iter().rfind(|s| s.t_s <= first_s).is_some_and(|s| !s.closed);
+            let closes = |s: &ClampSample| s.closed && s.t_s > first_s && s.t_s <= last_s;
+            if open && path.iter().any(closes) {
                 return fail(
                     format!("clamp {index} closes between {first_s} and {last_s} s"),
                     "keep the beginning of the recording, or begin where the clamp holds",

@@ -7,7 +7,6 @@
 //! its neighbour along the rope does. That is exact for noise that is autoregressive in both
 //! directions, R_time ⊗ R_arc, on a full grid of frames and stations.
 
-use crate::demo::Demo;
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
 use crate::residual::rest_frames;
@@ -43,20 +42,14 @@ impl Noise {
     };
 
     /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few.
-    pub fn measured(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
-        let times: Vec<Vec<f64>> = problem.scenes.iter().map(|s| s.frame_times_s.clone()).collect();
-        Self::at_rest(&problem.demos, evaluation, &times)
-    }
-
-    /// From frames at rest; none where the demonstrations show too few.
     ///
     /// Each station's offsets are an autoregressive series about an unknown mean, so whatever the model
     /// predicts at rest does not matter. Correlation and size maximise the restricted likelihood (Patterson
     /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
-    fn at_rest(demos: &[&Demo], evaluation: &Evaluation, times_s: &[Vec<f64>]) -> Option<Self> {
+    pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
-        for ((demo, rows), times) in demos.iter().zip(&evaluation.rows).zip(times_s) {
-            let frames = rest_frames(demo, times);
+        for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
+            let frames = rest_frames(demo, &scene.frame_times_s);
             if frames >= MIN_REST_FRAMES {
                 let stations = station_arcs_m(demo).len();
                 series.extend(rest_series(rows, frames, stations));

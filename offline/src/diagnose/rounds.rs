@@ -199,7 +199,7 @@ pub fn close_loop(
     let structure = Structure::default();
     progress("fitting the base model from several starts");
     let mut base = fit(&bench.fit, &structure, &options.fit)?;
-    let noise = Noise::measured(&bench.fit, &base.best);
+    let noise = Noise::at_rest(&bench.fit, &base.best);
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
         for row in base.best.rows.iter_mut().flatten() {

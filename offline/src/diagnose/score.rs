@@ -312,7 +312,7 @@ impl ScoreProblem {
     }
 }
 
-fn whitened_vector(whitener: &Whitener, vector: DVector<f64>) -> DVector<f64> {
+pub(super) fn whitened_vector(whitener: &Whitener, vector: DVector<f64>) -> DVector<f64> {
     whitener
         .apply(&DMatrix::from_columns(&[vector]))
         .column(0)

@@ -1,11 +1,12 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
+use super::push::Pushes;
 use super::sensitivity::{Trace, flows};
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
 use crate::model::Structure;
-use crate::observe::{Centreline, Row, Section, bracket, interpolate, measure};
+use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::physics::ForceField;
 use crate::sim::rollout::Track;
 use crate::sim::tensor::value3;
@@ -242,8 +243,7 @@ impl<'a> Problem<'a> {
             for row in rows {
                 let place = bracket(&trace.arc_m, row.arc_m);
                 for k in 0..theta.len() {
-                    let slope = interpolate(&trace.slopes[k][row.frame], place);
-                    jacobian[(row_index, k)] = (0..3).map(|c| row.direction[c] * slope[c]).sum();
+                    jacobian[(row_index, k)] = row.along(&trace.slopes[k][row.frame], place);
                 }
                 row_index += 1;
             }
@@ -322,22 +322,30 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped.
     pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
-        if self.hangs() {
-            let rollouts = self.simulate_all(structure, theta)?;
-            return Ok(rollouts.into_iter().map(rounded).collect());
-        }
-        self.simulate_all(structure, &single(theta))
-    }
-
-    fn simulate_all<T: Laned>(
-        &self,
-        structure: &Structure,
-        theta: &[T],
-    ) -> Result<Vec<Rollout<T>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
-            .map(|d| self.rollout(d, structure, theta))
+            .map(|d| self.predict_under(d, structure, theta, None))
             .collect()
+    }
+
+    /// One demonstration, under pushes where there are any: N/m by component.
+    ///
+    /// # Errors
+    /// The simulation stopped.
+    pub fn predict_under(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+        pushed: Option<(&Pushes, &[f64])>,
+    ) -> Result<Rollout<f32>, FitError> {
+        let scene = &self.scenes[demo];
+        if self.hangs() {
+            let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
+            return self.rollout_under(demo, structure, theta, field).map(rounded);
+        }
+        let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
+        self.rollout_under(demo, structure, &single(theta), field)
     }
 }
 
@@ -397,11 +405,15 @@ impl Evaluation {
 
     /// Jacobian over the rows' standard errors.
     pub fn whitened_jacobian(&self) -> DMatrix<f64> {
-        let mut j = self.jacobian.clone();
+        self.over_noise(self.jacobian.clone())
+    }
+
+    /// Columns with a number per row over the rows' standard errors.
+    pub fn over_noise(&self, mut columns: DMatrix<f64>) -> DMatrix<f64> {
         for (i, row) in self.all_rows().enumerate() {
-            j.row_mut(i).scale_mut(1.0 / row.sigma_m);
+            columns.row_mut(i).scale_mut(1.0 / row.sigma_m);
         }
-        j
+        columns
     }
 
     /// Root mean square of the offsets, m.

@@ -1,14 +1,15 @@
-//! How a rope moves when something pushes it that no effect describes: slopes of what is measured with respect to a
-//! force along the rope, and the rope under such a force.
+//! How a rope moves when something pushes it that no effect describes: the field of such a force, and the slopes of
+//! what is measured with respect to it.
 
 use super::problem::{FitError, Problem};
 use super::sensitivity::frames_of;
 use crate::model::Structure;
-use crate::observe::{Row, bracket, interpolate};
+use crate::observe::{Row, bracket};
 use crate::sim::dual::Dual;
 use crate::sim::physics::ForceField;
 use crate::sim::real::{Arithmetic, Float};
-use crate::sim::{Laned, Real, Rollout};
+use crate::sim::tensor::Vec3;
+use crate::sim::{Laned, Real, Scene};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -35,13 +36,6 @@ impl Pushes {
         self.blocks * OF_BLOCK
     }
 
-    /// Whether there is a force in a block.
-    fn acts(&self, block: usize, force_n_m: &[f64]) -> bool {
-        force_n_m[block * OF_BLOCK..][..OF_BLOCK]
-            .iter()
-            .any(|&f| f != 0.0)
-    }
-
     /// Weight of a knot at an arc length.
     fn weight(&self, knot: usize, arc_m: f64) -> f64 {
         if arc_m < self.knots_m[0] || arc_m > self.knots_m[KNOTS - 1] {
@@ -55,27 +49,28 @@ impl Pushes {
         }
     }
 
-    /// The field with a value for each component; blocks for which `pushes` does not hold have none.
-    fn field<T: Real>(
+    /// The field of a force, N/m by component.
+    pub(super) fn field<T: Real>(&self, scene: &Scene, force_n_m: &[f64]) -> ForceField<T> {
+        let of_block = |block: usize| Some(std::array::from_fn(|k| T::of(force_n_m[block * OF_BLOCK + k])));
+        self.field_of(&arcs_m(scene), of_block)
+    }
+
+    /// The field whose blocks have these components; a block without any has no force.
+    fn field_of<T: Real>(
         &self,
         arcs_m: &[f64],
-        pushes: impl Fn(usize) -> bool,
-        component: impl Fn(usize) -> T,
+        of_block: impl Fn(usize) -> Option<[T; OF_BLOCK]>,
     ) -> ForceField<T> {
-        let force = |block: usize, arc_m: f64, axis: usize| {
-            let mut sum = T::zero();
-            for knot in 0..KNOTS {
-                let weight = self.weight(knot, arc_m);
-                if weight != 0.0 {
-                    sum += component(block * OF_BLOCK + 3 * knot + axis).scale(weight);
-                }
-            }
-            sum
+        let at = |components: &[T; OF_BLOCK], arc_m: f64| -> Vec3<T> {
+            std::array::from_fn(|axis| {
+                (0..KNOTS).fold(T::zero(), |sum, knot| {
+                    sum + components[3 * knot + axis].scale(self.weight(knot, arc_m))
+                })
+            })
         };
-        let slices = |block: usize| {
-            let at = |&arc_m: &f64| [0, 1, 2].map(|axis| force(block, arc_m, axis));
-            let pushed = pushes(block).then(|| arcs_m.iter().map(at).collect());
-            pushed.unwrap_or_default()
+        let slices = |block: usize| match of_block(block) {
+            Some(components) => arcs_m.iter().map(|&arc_m| at(&components, arc_m)).collect(),
+            None => Vec::new(),
         };
         ForceField {
             block_s: self.block_s,
@@ -84,27 +79,12 @@ impl Pushes {
     }
 }
 
-impl Problem<'_> {
-    /// One demonstration under pushes, N/m by component.
-    ///
-    /// # Errors
-    /// The simulation stopped.
-    pub fn pushed(
-        &self,
-        demo: usize,
-        structure: &Structure,
-        theta: &[f64],
-        (pushes, force_n_m): (&Pushes, &[f64]),
-    ) -> Result<Rollout<f32>, FitError> {
-        let arcs_m = self.arcs_m(demo);
-        let theta: Vec<f32> = theta.iter().map(|&t| t as f32).collect();
-        let acts = |block| pushes.acts(block, force_n_m);
-        let field = pushes.field(&arcs_m, acts, |k| force_n_m[k] as f32);
-        self.rollout_under(demo, structure, &theta, Some(field))
-    }
+fn arcs_m(scene: &Scene) -> Vec<f64> {
+    scene.layout().slices.iter().map(|slice| slice.arc_m).collect()
+}
 
-    /// Slope of every row of one demonstration with respect to each component, m per N/m, where the rope is pushed by
-    /// `force_n_m` already.
+impl Problem<'_> {
+    /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes.
     ///
     /// # Errors
     /// A simulation stopped.
@@ -113,21 +93,21 @@ impl Problem<'_> {
         demo: usize,
         structure: &Structure,
         theta: &[f64],
-        at: (&Pushes, &[f64]),
+        pushes: &Pushes,
         rows: &[Row],
     ) -> Result<DMatrix<f64>, FitError> {
         let of_block = |block: usize| {
             if self.hangs() {
-                self.slopes_of_block::<f64>(demo, structure, theta, at, (block, rows))
+                self.slopes_of_block::<f64>(demo, structure, theta, pushes, (block, rows))
             } else {
-                self.slopes_of_block::<f32>(demo, structure, theta, at, (block, rows))
+                self.slopes_of_block::<f32>(demo, structure, theta, pushes, (block, rows))
             }
         };
-        let blocks: Vec<DMatrix<f64>> = (0..at.0.blocks)
+        let blocks: Vec<DMatrix<f64>> = (0..pushes.blocks)
             .into_par_iter()
             .map(of_block)
             .collect::<Result<_, _>>()?;
-        let mut slopes = DMatrix::zeros(rows.len(), at.0.components());
+        let mut slopes = DMatrix::zeros(rows.len(), pushes.components());
         for (block, columns) in blocks.iter().enumerate() {
             slopes.columns_mut(block * OF_BLOCK, OF_BLOCK).copy_from(columns);
         }
@@ -139,39 +119,26 @@ impl Problem<'_> {
         demo: usize,
         structure: &Structure,
         theta: &[f64],
-        (pushes, force_n_m): (&Pushes, &[f64]),
+        pushes: &Pushes,
         (block, rows): (usize, &[Row]),
     ) -> Result<DMatrix<f64>, FitError>
     where
         Dual<F, OF_BLOCK>: Laned,
     {
-        let arcs_m = self.arcs_m(demo);
-        let first = block * OF_BLOCK;
-        let acts = |other| other == block || pushes.acts(other, force_n_m);
-        let field = pushes.field(&arcs_m, acts, |k| match k.checked_sub(first) {
-            Some(lane) if lane < OF_BLOCK => Dual::input(force_n_m[k], lane),
-            _ => Dual::of(force_n_m[k]),
-        });
+        // A block without a force costs nothing.
+        let inputs =
+            |other: usize| (other == block).then(|| std::array::from_fn(|lane| Dual::input(0.0, lane)));
+        let field = pushes.field_of(&arcs_m(&self.scenes[demo]), inputs);
         let theta: Vec<Dual<F, OF_BLOCK>> = theta.iter().map(|&t| Dual::of(t)).collect();
         let rollout = self.rollout_under(demo, structure, &theta, Some(field))?;
         let mut slopes = DMatrix::zeros(rows.len(), OF_BLOCK);
         for lane in 0..OF_BLOCK {
             let frames = frames_of(&rollout.frames, lane);
             for (i, row) in rows.iter().enumerate() {
-                let slope = interpolate(&frames[row.frame], bracket(&rollout.arc_m, row.arc_m));
-                slopes[(i, lane)] = (0..3).map(|c| row.direction[c] * slope[c]).sum();
+                slopes[(i, lane)] = row.along(&frames[row.frame], bracket(&rollout.arc_m, row.arc_m));
             }
         }
         Ok(slopes)
-    }
-
-    fn arcs_m(&self, demo: usize) -> Vec<f64> {
-        self.scenes[demo]
-            .layout()
-            .slices
-            .iter()
-            .map(|s| s.arc_m)
-            .collect()
     }
 }
 
@@ -186,7 +153,9 @@ mod tests {
             blocks: 2,
             knots_m: [0.1, 0.2, 0.3, 0.4],
         };
-        let field = pushes.field(&[0.05, 0.1, 0.25, 0.39, 0.4], |block| block == 1, |_| 1.0);
+        let field = pushes.field_of(&[0.05, 0.1, 0.25, 0.39, 0.4], |block| {
+            (block == 1).then_some([1.0; OF_BLOCK])
+        });
         assert_eq!(
             [field.block(0.05), field.block(0.15), field.block(0.25)],
             [None, Some(1), None]

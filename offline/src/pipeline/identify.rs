@@ -97,7 +97,7 @@ pub fn identify(
         }
         None => {
             let mut outcome = close_loop(&demos, &held_out, &options, progress)?;
-            let force = force_left(&demos, &held_out, &outcome, &options, progress);
+            let force = force_left(&demos, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
                 separating_demonstration,
@@ -126,7 +126,6 @@ pub fn identify(
 /// What is left as a force, where nothing explains it.
 fn force_left(
     demos: &[&Demo],
-    held_out: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
@@ -135,7 +134,7 @@ fn force_left(
         return None;
     }
     progress("asking which force along the rope would explain what is left");
-    residual_force(demos, held_out, outcome, options).unwrap_or_else(|error| {
+    residual_force(demos, outcome, options).unwrap_or_else(|error| {
         progress(&format!("no such force could be found: {error}"));
         None
     })

@@ -4,6 +4,7 @@ use super::page::{hex, sentence};
 use crate::diagnose::{DemoForce, ResidualForce, STABLE, TermShare};
 use crate::fit::KNOTS;
 use crate::plot::ramp;
+use crate::sim::tensor::norm;
 use maud::{Markup, html};
 
 /// Shares of the colour scale: darker colours would hide the numbers.
@@ -29,8 +30,8 @@ pub(super) fn section(force: Option<&ResidualForce>) -> Markup {
 
 /// Sizes by arc length and time; the end of the rope is on top.
 fn forces(demo: &DemoForce) -> Markup {
-    let size = |f: &[f64; 3]| f.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let largest = demo.force_n_m.iter().flatten().map(size).fold(0.0, f64::max);
+    let sizes = demo.force_n_m.iter().flatten().map(|&force| norm(force));
+    let largest = sizes.fold(0.0, f64::max);
     let colour = |n_m: f64| {
         let share = if largest > 0.0 { n_m / largest } else { 0.0 };
         hex(ramp(SCALE[0] + share * (SCALE[1] - SCALE[0])))
@@ -42,8 +43,8 @@ fn forces(demo: &DemoForce) -> Markup {
                 tr {
                     th { (format!("{:.2} m", demo.knots_m[knot])) }
                     @for block in &demo.force_n_m {
-                        td.n style=(format!("background:{}", colour(size(&block[knot])))) {
-                            (format!("{:.2}", size(&block[knot])))
+                        td.n style=(format!("background:{}", colour(norm(block[knot])))) {
+                            (format!("{:.2}", norm(block[knot])))
                         }
                     }
                 }
@@ -51,7 +52,7 @@ fn forces(demo: &DemoForce) -> Markup {
             tr {
                 th { "around" }
                 @for block in 0..demo.force_n_m.len() {
-                    th.n { (format!("{:.1} s", (block as f64 + 0.5) * demo.block_s)) }
+                    th.n { (format!("{:.1} s", demo.middle_s(block))) }
                 }
             }
         }

@@ -4,6 +4,7 @@ use super::DemoView;
 use super::page::hex;
 use crate::plot::ramp;
 use crate::residual::ResidualMap;
+use crate::sim::tensor::norm;
 use maud::{Markup, PreEscaped, html};
 use std::fmt::Write;
 
@@ -35,7 +36,7 @@ impl Scale {
     pub(super) fn over<'a>(views: impl Iterator<Item = &'a DemoView>) -> Self {
         let mut all: Vec<f64> = views
             .flat_map(|view| view.residual.offsets_mm.iter().flatten().flatten())
-            .map(size)
+            .map(|&offset_mm| norm(offset_mm))
             .collect();
         all.sort_by(f64::total_cmp);
         let end = all.get(((all.len() as f64 * 0.99) as usize).min(all.len().saturating_sub(1)));
@@ -49,10 +50,6 @@ impl Scale {
     fn step_of(self, mm: f64) -> usize {
         ((mm / self.end_mm * STEPS as f64) as usize).min(STEPS - 1)
     }
-}
-
-fn size(offset_mm: &[f64; 3]) -> f64 {
-    offset_mm.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
 fn colour(step: usize) -> String {
@@ -121,7 +118,7 @@ fn map(body: &mut String, residual: &ResidualMap, scale: Scale) {
             let seen: Vec<f64> = frames
                 .iter()
                 .filter_map(|frame| frame.get(station)?.as_ref())
-                .map(|offset| size(offset).powi(2))
+                .map(|offset| norm(*offset).powi(2))
                 .collect();
             if seen.is_empty() {
                 continue;

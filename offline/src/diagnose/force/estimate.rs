@@ -6,13 +6,15 @@
 //! would reward forces that follow noise which hangs together in time.
 
 use super::motion::{Motion, motions};
-use super::{BLOCKS, DemoForce, weight_n_m};
+use super::{BLOCKS, DemoForce};
 use crate::demo::RopeEnd;
 use crate::diagnose::noise::Noise;
-use crate::diagnose::score::{Projector, precision};
+use crate::diagnose::score::{Projector, precision, whitened_vector};
 use crate::fit::{Evaluation, FitError, KNOTS, Problem, Pushes};
 use crate::model::Structure;
+use crate::observe::Row;
 use crate::sim::Scene;
+use crate::sim::physics::GRAVITY_M_S2;
 use nalgebra::{DMatrix, DVector};
 
 /// Penalties tried, as powers of ten of the mean square slope, from the smoothest force on.
@@ -46,27 +48,22 @@ pub(super) fn estimate(
 ) -> Result<Estimated, FitError> {
     let scene = &problem.scenes[0];
     let pushes = pushes(scene);
-    let none = vec![0.0; pushes.components()];
     let evaluation = problem.evaluate(structure, theta)?;
     let rows = &evaluation.rows[0];
-    let mut slopes = problem.push_slopes(0, structure, theta, (&pushes, &none), rows)?;
-    for (i, row) in rows.iter().enumerate() {
-        slopes.row_mut(i).scale_mut(1.0 / row.sigma_m);
-    }
+    let slopes = problem.push_slopes(0, structure, theta, &pushes, rows)?;
     let whitener = noise.whitener(&evaluation);
     let own = whitener.apply(&evaluation.whitened_jacobian());
     let priors: Vec<f64> = structure.parameters().iter().map(precision).collect();
     let free = Projector::new(own, &priors);
-    let residual = whitener.apply(&DMatrix::from_columns(&[evaluation.whitened()]));
-    let residual = free.remove_vector(&residual.column(0).into_owned());
-    let slopes = free.remove(&whitener.apply(&slopes));
+    let residual = free.remove_vector(&whitened_vector(&whitener, evaluation.whitened()));
+    let slopes = free.remove(&whitener.apply(&evaluation.over_noise(slopes)));
     let force = smoothest(&slopes, &residual);
-    let rollout = problem.pushed(0, structure, theta, (&pushes, force.as_slice()))?;
-    let under = problem.residuals_of(theta, std::slice::from_ref(&rollout))?;
-    let still = problem.pushed(0, structure, theta, (&pushes, &none))?;
+    let alone = problem.predict_under(0, structure, theta, None)?;
+    let pushed = problem.predict_under(0, structure, theta, Some((&pushes, force.as_slice())))?;
+    let under = problem.residuals_of(theta, &[pushed])?;
     let at = |block: usize, knot: usize| std::array::from_fn(|k| force[3 * (block * KNOTS + knot) + k]);
     Ok(Estimated {
-        motions: motions(scene, &still, &pushes),
+        motions: motions(scene, &alone, &pushes),
         force: DemoForce {
             demo: problem.demos[0].name.clone(),
             block_s: pushes.block_s,
@@ -82,7 +79,7 @@ pub(super) fn estimate(
         excess_m2: [excess_m2(&evaluation), excess_m2(&under)],
         residual,
         slopes,
-        weight_n_m: weight_n_m(problem.demos[0]),
+        weight_n_m: scene.rope.mass_kg / scene.rope.length_m * GRAVITY_M_S2,
     })
 }
 
@@ -106,7 +103,7 @@ fn pushes(scene: &Scene) -> Pushes {
 }
 
 fn excess_m2(evaluation: &Evaluation) -> f64 {
-    let square = |row: &crate::observe::Row| row.offset_m.powi(2) - row.sigma_m.powi(2);
+    let square = |row: &Row| row.offset_m.powi(2) - row.sigma_m.powi(2);
     evaluation.all_rows().map(square).sum::<f64>().max(0.0)
 }
 
@@ -122,14 +119,11 @@ fn smoothest(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> DVector<f64> {
     };
     let left = |force: &DVector<f64>| (residual - slopes * force).norm_squared();
     let [smooth, rough] = PENALTIES;
+    let roughest = solve(rough);
     let before = residual.norm_squared();
-    let least = left(&solve(rough));
-    let wanted = (before - ENOUGH * (before - least)).max(residual.len() as f64);
-    let candidates = (rough..=smooth).rev().map(solve);
-    candidates
-        .into_iter()
-        .find(|force| left(force) <= wanted)
-        .unwrap_or_else(|| solve(rough))
+    let wanted = (before - ENOUGH * (before - left(&roughest))).max(residual.len() as f64);
+    let mut smoother = (rough + 1..=smooth).rev().map(solve);
+    smoother.find(|force| left(force) <= wanted).unwrap_or(roughest)
 }
 
 /// Squares of the components and of their changes from block to block and from knot to knot.

@@ -13,12 +13,11 @@ mod words;
 use self::estimate::{Estimated, estimate};
 use self::motion::Motion;
 use self::terms::{TermShare, stable_terms};
-use self::words::EXPLAINS;
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome, problems};
+use super::rounds::{LoopOptions, Outcome};
 use crate::demo::{Demo, SceneKind};
 use crate::fit::{FitError, KNOTS, Problem};
-use crate::sim::physics::GRAVITY_M_S2;
+use crate::sim::Scene;
 use crate::sim::tensor::dot;
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +47,9 @@ pub struct ResidualForce {
     pub terms: Vec<TermShare>,
 }
 
+/// Share of the excess that a force has to take away to be worth describing.
+const EXPLAINS: f64 = 0.5;
+
 impl ResidualForce {
     /// Whether it takes away enough to be worth a look.
     pub fn explains(&self) -> bool {
@@ -74,26 +76,21 @@ pub struct DemoForce {
 /// A simulation stopped, or too little was measured.
 pub fn residual_force(
     demos: &[&Demo],
-    held_out: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
 ) -> Result<Option<ResidualForce>, FitError> {
     if demos.iter().any(|demo| demo.spec.scene == SceneKind::Static) {
         return Ok(None);
     }
-    let (fit, _) = problems(demos, held_out, options)?;
-    let noise = Noise::measured(&fit, &outcome.base.best).unwrap_or(Noise::DECLARED);
-    let mut found = Vec::new();
-    for (&demo, scene) in demos.iter().zip(fit.scenes) {
+    let all = Problem::new(demos, options.resolution)?;
+    let noise = Noise::at_rest(&all, &outcome.base.best).unwrap_or(Noise::DECLARED);
+    let theta = &outcome.fitted.best.theta;
+    let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
-        found.push(estimate(
-            &problem,
-            &outcome.structure,
-            &outcome.fitted.best.theta,
-            &noise,
-        )?);
-    }
+        estimate(&problem, &outcome.structure, theta, &noise)
+    };
+    let found: Vec<Estimated> = demos.iter().zip(all.scenes).map(one).collect::<Result<_, _>>()?;
     Ok(Some(summary(&found, options.seed)))
 }
 
@@ -138,6 +135,13 @@ fn share(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 
+impl DemoForce {
+    /// The middle of a block of time, s.
+    pub fn middle_s(&self, block: usize) -> f64 {
+        (block as f64 + 0.5) * self.block_s
+    }
+}
+
 /// Length of rope that each knot stands for, m.
 fn lengths_m(force: &DemoForce) -> [f64; KNOTS] {
     let gap_m = (force.knots_m[KNOTS - 1] - force.knots_m[0]) / (KNOTS - 1) as f64;
@@ -170,11 +174,6 @@ fn steady_square(found: &Estimated) -> f64 {
     };
     let lengths_m = lengths_m(&found.force);
     (0..KNOTS).map(|k| lengths_m[k] * at(k)).sum::<f64>() * found.force.block_s * blocks
-}
-
-/// Weight of a metre of a demonstration's rope, N.
-fn weight_n_m(demo: &Demo) -> f64 {
-    demo.spec.rope.mass_kg / demo.spec.rope.length_m * GRAVITY_M_S2
 }
 
 #[cfg(test)]

@@ -66,15 +66,15 @@ pub(super) fn motions(scene: &Scene, rollout: &Rollout<f32>, pushes: &Pushes) ->
                 .collect()
         })
         .collect();
-    let at = |block: usize, knot: usize| {
-        let mut motion = mean(times_s, &instants[knot], &of_block(block));
+    let at = |frames: &[usize], knot: usize| {
+        let mut motion = mean(times_s, &instants[knot], frames);
         motion.on_table = table_m.is_some_and(|height_m| motion.position_m[2] < height_m);
         motion.knot = knot;
         motion
     };
-    let blocks = 0..pushes.blocks;
-    blocks
-        .map(|block| std::array::from_fn(|knot| at(block, knot)))
+    (0..pushes.blocks)
+        .map(of_block)
+        .map(|frames| std::array::from_fn(|knot| at(&frames, knot)))
         .collect()
 }
 

@@ -3,9 +3,8 @@
 use super::terms::STABLE;
 use super::{DemoForce, ResidualForce};
 use crate::fit::KNOTS;
+use crate::sim::tensor::norm;
 
-/// Share of the excess that a force has to take away to be worth describing.
-pub(super) const EXPLAINS: f64 = 0.5;
 /// Shares and ratios beyond which something is said.
 const MOSTLY: f64 = 0.7;
 const FASTER: f64 = 1.3;
@@ -79,16 +78,11 @@ pub(super) fn sentence(force: &ResidualForce) -> String {
 
 /// Arc length, time and size of the strongest push.
 fn strongest(force: &DemoForce) -> Option<(f64, f64, f64)> {
-    let size = |f: &[f64; 3]| f.iter().map(|x| x * x).sum::<f64>().sqrt();
     let blocks = force.force_n_m.iter().enumerate();
     let all =
-        blocks.flat_map(|(block, forces)| (0..KNOTS).map(move |knot| (block, knot, size(&forces[knot]))));
+        blocks.flat_map(|(block, forces)| (0..KNOTS).map(move |knot| (block, knot, norm(forces[knot]))));
     let (block, knot, size_n_m) = all.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    Some((
-        force.knots_m[knot],
-        (block as f64 + 0.5) * force.block_s,
-        size_n_m,
-    ))
+    Some((force.knots_m[knot], force.middle_s(block), size_n_m))
 }
 
 #[cfg(test)]

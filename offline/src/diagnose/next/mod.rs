@@ -200,7 +200,7 @@ impl<'a> Desk<'a> {
         let (mut problem, _) = problems(demos, held_out, options)?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         Ok(Self {
-            noise: Noise::measured(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
+            noise: Noise::at_rest(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
             look: Look::of(demos[0], &outcome.fitted.best.rows[0]),
             problem,
             options,
