@@ -348,7 +348,12 @@ impl<L: Lanes> Blocks<L> {
             } else {
                 let gap = self.mean(block, channel, |body| body.position_m[2]);
                 let rise = self.mean(block, channel, |body| body.velocity_m_s[2]);
-                gap.times_plus(push.by_gap, rise * push.by_rise)
+                let mut impulse = gap.times_plus(push.by_gap, rise * push.by_rise);
+                if self.masses_vary {
+                    // All particles of a slice have the mass of the first.
+                    impulse += self.bodies[self.first(block, channel)].mass_kg * push.by_mass;
+                }
+                impulse
             };
             self.nodes.fill(L::zero());
             for member in 0..self.transfer.members.len() {

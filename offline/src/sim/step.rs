@@ -292,10 +292,16 @@ fn scatter_contact<T: Real>(
             sum.scale(1.0 / members.len() as f64)
         };
         let gap = mean(|p| p.position_m[2]) - T::of(table.lowest_m);
-        let Footing { mass_kg, ratio } = table.footing(members[0].length_m, members[0].volume_m3);
+        let first = &members[0];
+        let footing = table.footing(first.length_m, first.volume_m3, first.mass_kg.value());
         let footing = Footing {
-            mass_kg: T::of(mass_kg),
-            ratio: T::of(ratio),
+            mass_kg: if footing.own > 0.0 {
+                first.mass_kg
+            } else {
+                T::of(footing.mass_kg)
+            },
+            own: T::of(footing.own),
+            ratio: T::of(footing.ratio),
         };
         let impulse = push(gap, mean(|p| p.velocity_m_s[2]), &footing, context.dt_s).impulse;
         if impulse.value() <= 0.0 {

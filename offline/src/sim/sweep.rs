@@ -99,11 +99,14 @@ fn footing<'a, T: Laned, I: Instructions>(
     let of = |value: fn(Footing<f64>) -> f64| {
         T::Plain::<I>::from_lanes(|lane| {
             let footing = of_lane(lane).zip(context.table.as_ref());
-            T::base(footing.map_or(0.0, |(p, table)| value(table.footing(p.length_m, p.volume_m3))))
+            T::base(footing.map_or(0.0, |(p, table)| {
+                value(table.footing(p.length_m, p.volume_m3, p.mass_kg.value()))
+            }))
         })
     };
     Footing {
         mass_kg: of(|footing| footing.mass_kg),
+        own: of(|footing| footing.own),
         ratio: of(|footing| footing.ratio),
     }
 }

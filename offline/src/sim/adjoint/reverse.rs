@@ -524,6 +524,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 let transfer = &self.engine.blocks.transfer;
                 bar_push += transfer.gather_value(member, &self.scratch[..width]);
             }
+            self.add_to_masses(block, 0, bar_push * push.by_mass);
             // Height and velocity of a slice are means over its members.
             let bar_mean = bar_push.scale(1.0 / members as f64);
             for bar in &mut self.bars[block * members..(block + 1) * members] {
