@@ -6,8 +6,8 @@ use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from, flows,
-    grid_errors,
+    Budget, Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
+    flows, grid_errors,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -216,12 +216,9 @@ fn refit_leading(
             break;
         }
         progress(&format!("refitting with {}", names(batch).join(", ")));
-        let heats = heats(bench, structure, fitted, batch, go_on);
-        let costs = heats
-            .iter()
-            .map(|h| h.1.cost)
-            .chain(tried.iter().map(|t| t.2.cost));
-        let least = costs.fold(f64::INFINITY, f64::min);
+        let least = tried.iter().map(|t| t.2.cost).fold(f64::INFINITY, f64::min);
+        let heats = heats(bench, structure, fitted, batch, (go_on, HOPELESS * least));
+        let least = heats.iter().map(|h| h.1.cost).fold(least, f64::min);
         let judged =
             |score: &Score, fit| judge(bench, structure, (score, fit), (&now, held_now), options).ok();
         let mut ended: Vec<(&Score, Tried)> = heats
@@ -261,10 +258,15 @@ fn from_elsewhere(
     let next = structure.with(score.effect);
     let others = OTHER_SIZES.par_iter().filter_map(|&size| {
         let theta = start(fitted, structure, score, size);
-        fit_from(&bench.fit, &next, theta, SECOND_EVALUATIONS).ok()
+        let budget = Budget {
+            evaluations: SECOND_EVALUATIONS,
+            worth: cost,
+        };
+        fit_from(&bench.fit, &next, theta, budget).ok()
     });
     let best = others.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    (best.cost < cost).then(|| further(bench, &next, best, REFIT_EVALUATIONS - SECOND_EVALUATIONS))
+    let rest = Budget::from(REFIT_EVALUATIONS - SECOND_EVALUATIONS);
+    (best.cost < cost).then(|| further(bench, &next, best, rest))
 }
 
 /// Effects worth a full refit. First the best `count`, the whole family of the best, because only refits can
@@ -358,18 +360,20 @@ fn told(fitted: &FitResult, structure: &Structure) -> Vec<f64> {
         .collect()
 }
 
-/// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them.
+/// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them. A refit that
+/// does not promise to come down to the cost `worth` is given up.
 fn heats<'a>(
     bench: &Bench,
     structure: &Structure,
     fitted: &FitResult,
     batch: &[&'a Score],
-    go_on: usize,
+    (go_on, worth): (usize, f64),
 ) -> Vec<(&'a Score, FitResult)> {
+    let budget = |evaluations| Budget { evaluations, worth };
     let sprint = if batch.len() > go_on {
-        SPRINT_EVALUATIONS
+        budget(SPRINT_EVALUATIONS)
     } else {
-        HEAT_EVALUATIONS
+        budget(HEAT_EVALUATIONS)
     };
     let mut runners: Vec<(&Score, FitResult)> = batch
         .par_iter()
@@ -380,7 +384,7 @@ fn heats<'a>(
     }
     runners.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
     let behind = runners.split_off(go_on.min(runners.len()));
-    let more = HEAT_EVALUATIONS - SPRINT_EVALUATIONS;
+    let more = budget(HEAT_EVALUATIONS - SPRINT_EVALUATIONS);
     let ahead = runners
         .into_par_iter()
         .map(|(score, fit)| (score, further(bench, &structure.with(score.effect), fit, more)));
@@ -406,26 +410,30 @@ fn started(
     structure: &Structure,
     fitted: &FitResult,
     score: &Score,
-    evaluations: usize,
+    budget: Budget,
 ) -> Result<FitResult, FitError> {
     let theta = start(fitted, structure, score, 1.0);
-    fit_from(&bench.fit, &structure.with(score.effect), theta, evaluations)
+    fit_from(&bench.fit, &structure.with(score.effect), theta, budget)
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
 fn to_the_end(bench: &Bench, structure: &Structure, fit: FitResult, least: f64) -> FitResult {
-    if fit.cost > HOPELESS * least {
+    let budget = Budget {
+        evaluations: REFIT_EVALUATIONS - HEAT_EVALUATIONS,
+        worth: HOPELESS * least,
+    };
+    if fit.cost > budget.worth {
         return fit;
     }
-    further(bench, structure, fit, REFIT_EVALUATIONS - HEAT_EVALUATIONS)
+    further(bench, structure, fit, budget)
 }
 
 /// More evaluations for a fit that could not end with those that it had.
-fn further(bench: &Bench, structure: &Structure, fit: FitResult, evaluations: usize) -> FitResult {
+fn further(bench: &Bench, structure: &Structure, fit: FitResult, budget: Budget) -> FitResult {
     if fit.stop != StopReason::BudgetSpent {
         return fit;
     }
-    descend(&bench.fit, structure, fit.best, evaluations)
+    descend(&bench.fit, structure, fit.best, budget)
 }
 
 /// What became of a refit.

@@ -26,6 +26,16 @@ pub enum FitError {
         /// Reason.
         error: SimError,
     },
+    /// A derivative is no number.
+    #[error(
+        "{demo}: how the rope changes with {parameter} has grown beyond every number: the motion there is chaotic or the simulation unstable"
+    )]
+    NoSlope {
+        /// Demonstration.
+        demo: String,
+        /// Parameter.
+        parameter: String,
+    },
     /// No start led anywhere.
     #[error("no start could be simulated; the first failure was: {0}")]
     NoStart(String),

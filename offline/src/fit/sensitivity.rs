@@ -130,6 +130,10 @@ pub fn flows(effect: usize) -> bool {
     !alone(effect).flow_laws.is_empty()
 }
 
+fn are_numbers(frames: &Frames) -> bool {
+    frames.iter().flatten().flatten().all(|slope| slope.is_finite())
+}
+
 fn alone(effect: usize) -> Physics<f64> {
     let structure = Structure {
         effects: vec![effect],
@@ -174,8 +178,8 @@ impl Problem<'_> {
             .map_or(Ok(traces), |(_, error)| Err(error))
     }
 
-    /// As [`traces`](Self::traces), but an entry of θ whose trial cannot be simulated loses only its own slopes:
-    /// they are empty, and the list says why.
+    /// As [`traces`](Self::traces), but an entry of θ whose trial cannot be simulated, or whose slope has grown beyond
+    /// every number, loses only its own slopes: they are empty, and the list says why.
     ///
     /// # Errors
     /// θ itself cannot be simulated.
@@ -203,7 +207,11 @@ impl Problem<'_> {
                     Ok(part) => {
                         prediction = prediction.or(part.prediction);
                         for (column, frames) in part.slopes {
-                            slopes[column] = frames;
+                            if are_numbers(&frames) {
+                                slopes[column] = frames;
+                            } else {
+                                failed.push((column, self.no_slope(demo, structure, column)));
+                            }
                         }
                     }
                     Err(error) => failed.extend(pass.columns().iter().map(|&c| (c, error.clone()))),
@@ -224,6 +232,13 @@ impl Problem<'_> {
             });
         }
         Ok((traces, failed))
+    }
+
+    fn no_slope(&self, demo: usize, structure: &Structure, column: usize) -> FitError {
+        FitError::NoSlope {
+            demo: self.demos[demo].name.clone(),
+            parameter: structure.parameters()[column].name.clone(),
+        }
     }
 
     /// Slopes of what the cameras report of a known motion.

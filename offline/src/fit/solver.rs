@@ -40,6 +40,27 @@ pub enum StopReason {
     Stalled,
     /// The budget of evaluations is spent.
     BudgetSpent,
+    /// The slopes do not promise to come near the cost that was asked for.
+    GivenUp,
+}
+
+/// How long a descent may go on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budget {
+    /// Most evaluations, the first included.
+    pub evaluations: usize,
+    /// Cost that makes the descent worth while; infinite where any does.
+    pub worth: f64,
+}
+
+impl From<usize> for Budget {
+    /// So many evaluations, whatever comes of it.
+    fn from(evaluations: usize) -> Self {
+        Self {
+            evaluations,
+            worth: f64::INFINITY,
+        }
+    }
 }
 
 /// The best iterate of a fit.
@@ -125,6 +146,15 @@ const STEP_TOLERANCE: f64 = 0.1;
 /// several standard errors away from the minimum.)
 const SMALL_DECREASE: f64 = 0.5 * STEP_TOLERANCE * STEP_TOLERANCE;
 
+/// Share of the cost by which rounding and the assignment of points move it from one θ to the next: costs within
+/// 3e-4 of each other came in any order where six fits of bench cells had ended.
+const COST_NOISE: f64 = 3e-4;
+/// How many times what a step promises a whole descent may come down at most: rope is no linear thing, and descents
+/// of bench cells came down by up to 3.3 times the promise of their first step.
+const PROMISES: f64 = 4.0;
+/// Damping up to which a step promises what an undamped one does.
+const LITTLE_DAMPING: f64 = 0.01;
+
 /// Descends from one θ; returns the best iterate.
 ///
 /// # Errors
@@ -133,19 +163,14 @@ pub fn fit_from(
     problem: &Problem,
     structure: &Structure,
     theta: Vec<f64>,
-    max_evaluations: usize,
+    budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
     let start = problem.evaluate(structure, &theta)?;
-    Ok(descend(problem, structure, start, max_evaluations))
+    Ok(descend(problem, structure, start, budget.into()))
 }
 
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
-pub fn descend(
-    problem: &Problem,
-    structure: &Structure,
-    start: Evaluation,
-    max_evaluations: usize,
-) -> FitResult {
+pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let info = structure.parameters();
     let mut best = start;
     let mut cost = total_cost(&best, &info);
@@ -155,7 +180,7 @@ pub fn descend(
     let mut held = out_of_plane(problem, &best, &info);
     held[POISSON] |= !tells_poisson(&best, problem.stiffness_accuracy);
     let stop = loop {
-        if evaluations >= max_evaluations {
+        if evaluations >= budget.evaluations {
             break StopReason::BudgetSpent;
         }
         let (hessian, gradient) = normal_equations(&best, &info);
@@ -167,6 +192,9 @@ pub fn descend(
         }
         if damping > 1e8 {
             break StopReason::Stalled;
+        }
+        if damping < LITTLE_DAMPING && cost - PROMISES * predicted > budget.worth {
+            break StopReason::GivenUp;
         }
         let trial: Vec<f64> = best.theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
         evaluations += 1;
@@ -185,6 +213,8 @@ pub fn descend(
         };
         if accepted {
             growth = 2.0;
+        } else if predicted < COST_NOISE * cost {
+            break StopReason::Stalled;
         } else {
             damping *= growth;
             growth *= 4.0;
