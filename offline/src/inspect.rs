@@ -1,6 +1,6 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
-use crate::run_files::{Fnv64, read_whole};
+use crate::run_files::{Fnv64, RunFolder, read_whole};
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -74,6 +74,19 @@ pub fn inspect(path: &Path) -> anyhow::Result<BlobReport> {
     let bytes = read_whole(path)?;
     let blob = Box::new(parse(&bytes).with_context(|| path.display().to_string())?);
     Ok(BlobReport::new(&blob, &bytes))
+}
+
+/// What is wrong with the blob of a run, where it was frozen from another model than the run now holds.
+pub fn stale(run: &RunFolder) -> Option<String> {
+    let model = Fnv64::of(&read_whole(&run.model()).ok()?);
+    let blob = Box::new(parse(&read_whole(&run.blob()).ok()?).ok()?);
+    (blob.provenance.model != model).then(|| {
+        format!(
+            "{} was frozen from another model than {} holds now: freeze again before a robot swings by it",
+            run.blob().display(),
+            run.model().display()
+        )
+    })
 }
 
 impl BlobReport {
@@ -251,6 +264,22 @@ mod tests {
         assert_eq!(json["ropes"][0]["name"], "red");
         assert_eq!(json["dataset"], "0000000000000003");
         assert_eq!(json["ropes"][0]["poisson_se"], serde_json::Value::Null);
+    }
+
+    #[test]
+    fn a_blob_of_another_model_than_the_runs_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::open(folder.path()).unwrap();
+        assert_eq!(stale(&run), None, "there is no blob");
+        let model = b"name = \"red\"";
+        std::fs::write(run.model(), model).unwrap();
+        let mut blob = blob();
+        blob.provenance.model = Fnv64::of(model);
+        freeze(&blob, &run.blob()).unwrap();
+        assert_eq!(stale(&run), None);
+        std::fs::write(run.model(), b"name = \"blue\"").unwrap();
+        let warning = stale(&run).unwrap();
+        assert!(warning.contains("freeze again"), "{warning}");
     }
 
     #[test]

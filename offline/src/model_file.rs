@@ -1,9 +1,10 @@
 //! `model.toml`: the one place that says what a rope is: parameters with errors, effects with
 //! parameters, and where they come from.
 
+use crate::demo::{Demo, SceneKind};
 use crate::effects;
 use crate::model::{Estimate, Structure};
-use crate::run_files::{FileError, write_whole};
+use crate::run_files::{FileError, Fnv64, write_whole};
 use crate::sim::rope::RopeShape;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,9 @@ pub struct ModelFile {
     /// Effects that were found.
     #[serde(default)]
     pub effects: Vec<EffectEntry>,
+    /// Experiments in which the rope was seen.
+    #[serde(default)]
+    pub scene: Vec<SceneEntry>,
     /// Where this comes from.
     pub provenance: ModelProvenance,
 }
@@ -41,6 +45,36 @@ pub struct EffectEntry {
     pub id: String,
     /// Parameters in the registry's order.
     pub parameters: Vec<Estimate>,
+}
+
+/// An experiment in which the rope was seen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEntry {
+    /// Name of the demonstration.
+    pub demo: String,
+    /// Which experiment.
+    pub kind: SceneKind,
+    /// Whether it only judged.
+    pub held_out: bool,
+    /// Declared friction on the table; none without a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table_friction: Option<f64>,
+    /// Known mass at the rope's end, kg.
+    pub end_mass_kg: f64,
+}
+
+impl SceneEntry {
+    /// The experiment of a demonstration.
+    pub fn of(demo: &Demo, held_out: bool) -> Self {
+        Self {
+            demo: demo.name.clone(),
+            kind: demo.spec.scene,
+            held_out,
+            table_friction: demo.spec.table.as_ref().map(|table| table.friction),
+            end_mass_kg: demo.spec.rope.end_mass_kg,
+        }
+    }
 }
 
 /// Where a model comes from.
@@ -58,6 +92,37 @@ pub struct ModelProvenance {
 }
 
 impl ModelFile {
+    /// The file's content.
+    fn text(&self) -> String {
+        toml::to_string_pretty(self).expect("a model has only plain fields")
+    }
+
+    /// FNV-1a hash of the file.
+    pub fn hash(&self) -> u64 {
+        Fnv64::of(self.text().as_bytes())
+    }
+
+    /// Hash of what swings: shape and mass, sizes of the effects, grid. Young's modulus and Poisson's ratio are not in
+    /// it, because rollouts vary them.
+    pub fn swing_hash(&self) -> u64 {
+        let mut hash = Fnv64::default();
+        let RopeShape {
+            length_m,
+            diameter_m,
+            mass_kg,
+        } = self.rope;
+        for value in [length_m, diameter_m, mass_kg, self.provenance.cells_per_diameter] {
+            hash.add(&value.to_le_bytes());
+        }
+        for effect in &self.effects {
+            hash.add(effect.id.as_bytes());
+            for parameter in &effect.parameters {
+                hash.add(&parameter.value.to_le_bytes());
+            }
+        }
+        hash.value()
+    }
+
     /// Effects and their parameter values, as simulations take them.
     ///
     /// # Errors
@@ -103,8 +168,7 @@ impl ModelFile {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), FileError> {
-        let text = toml::to_string_pretty(self).expect("a model has only plain fields");
-        write_whole(path, text.as_bytes())
+        write_whole(path, self.text().as_bytes())
     }
 
     /// Reads and checks the file.
@@ -124,5 +188,62 @@ impl ModelFile {
         );
         model.structure().with_context(|| path.display().to_string())?;
         Ok(model)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(tip_kg: f64, young_pa: f64) -> ModelFile {
+        let structure = Structure {
+            effects: vec![effects::find("tip_mass").expect("in the registry")],
+        };
+        let estimate = |name: &str, value| Estimate {
+            name: name.into(),
+            unit: String::new(),
+            value,
+            standard_error: 0.1 * value,
+            identified: true,
+        };
+        let all = [
+            estimate("young_pa", young_pa),
+            estimate("poisson", 0.3),
+            estimate("tip_mass.mass_kg", tip_kg),
+        ];
+        ModelFile {
+            format: FORMAT.into(),
+            name: "red".into(),
+            verdict: String::new(),
+            rope: RopeShape::of_density(0.3, 0.014, 1000.0),
+            elasticity: all[..2].to_vec(),
+            effects: ModelFile::entries(&structure, &all),
+            scene: Vec::new(),
+            provenance: ModelProvenance {
+                program: String::new(),
+                cells_per_diameter: 1.5,
+                demos: Vec::new(),
+                seed: 1,
+            },
+        }
+    }
+
+    /// Seen: the hash of every model was that of nothing, and a new rope was swung by an old one's rollouts.
+    #[test]
+    fn ropes_that_swing_otherwise_have_other_hashes_and_rollouts_vary_the_stiffness_themselves() {
+        let one = model(0.009, 1e6);
+        assert_ne!(one.swing_hash(), model(0.03, 1e6).swing_hash());
+        assert_eq!(one.swing_hash(), model(0.009, 2e6).swing_hash());
+        assert_ne!(one.hash(), model(0.009, 2e6).hash());
+    }
+
+    #[test]
+    fn the_hash_is_that_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        let one = model(0.009, 1e6);
+        one.save(&path).unwrap();
+        assert_eq!(Fnv64::of(&std::fs::read(&path).unwrap()), one.hash());
+        assert_eq!(ModelFile::load(&path).unwrap(), one);
     }
 }

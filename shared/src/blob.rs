@@ -32,6 +32,8 @@ pub const MAX_ROPES: usize = 16;
 pub const MAX_EFFECTS: usize = 16;
 /// Most demonstrations behind a blob.
 pub const MAX_DEMOS: usize = 16;
+/// Longest name, bytes.
+pub const NAME_BYTES: usize = 32;
 
 /// Part of the header that the CRC covers: all of it before the CRC itself.
 const CHECKED_HEADER_BYTES: usize = 16;
@@ -40,9 +42,9 @@ const CHECKED_HEADER_BYTES: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EffectSummary {
     /// Name of the effect.
-    pub name: heapless::String<32>,
+    pub name: heapless::String<NAME_BYTES>,
     /// Name of the parameter.
-    pub parameter: heapless::String<32>,
+    pub parameter: heapless::String<NAME_BYTES>,
     /// Its value, SI.
     pub value: f64,
     /// Its standard error, SI; infinite where the data say nothing.
@@ -53,7 +55,7 @@ pub struct EffectSummary {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RopeEntry {
     /// Name, as goals use it.
-    pub name: heapless::String<32>,
+    pub name: heapless::String<NAME_BYTES>,
     /// Young's modulus, Pa.
     pub young_pa: f64,
     /// Its standard error, Pa; infinite where the data say nothing.
@@ -110,7 +112,7 @@ pub struct Provenance {
     /// Seed of the run.
     pub seed: u64,
     /// Name and version of the program.
-    pub program: heapless::String<32>,
+    pub program: heapless::String<NAME_BYTES>,
 }
 
 /// The content of `policy.blob`.

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use offline::demo::{Demo, StartState, plot_svg, summary, warnings};
-use offline::inspect::inspect as inspect_blob;
+use offline::inspect::{inspect as inspect_blob, stale};
 use offline::model_file::ModelFile;
 use offline::run_files::{RunFolder, write_whole};
 use std::path::{Path, PathBuf};
@@ -111,10 +111,13 @@ pub fn inspect(path: &Path, json: bool) -> anyhow::Result<()> {
     let blob = (run.is_none() || blob_path.exists())
         .then(|| inspect_blob(&blob_path))
         .transpose()?;
+    let warning = run.as_ref().and_then(stale);
     if json {
         println!(
             "{}",
-            serde_json::to_string_pretty(&serde_json::json!({ "model": model, "blob": blob }))?
+            serde_json::to_string_pretty(
+                &serde_json::json!({ "model": model, "blob": blob, "warning": warning })
+            )?
         );
         return Ok(());
     }
@@ -127,6 +130,9 @@ pub fn inspect(path: &Path, json: bool) -> anyhow::Result<()> {
     match blob {
         Some(blob) => println!("{blob}"),
         None => println!("no policy.blob yet: run `offline run` with the same --out"),
+    }
+    if let Some(warning) = warning {
+        println!("warning: {warning}");
     }
     Ok(())
 }

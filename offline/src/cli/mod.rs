@@ -40,17 +40,17 @@ enum Command {
         after_help = "Example: offline run --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
     )]
     Run(RunArguments),
+    /// Fit the rope's elasticity and nothing else: seconds, and no word on what its model lacks.
+    #[command(after_help = "Example: offline fit --demo my-rope/lift-1 --out runs/my-rope")]
+    Fit(RunArguments),
     /// Fit the rope and find what its model lacks; like `run`, but stops after the diagnosis.
-    #[command(
-        visible_alias = "fit",
-        after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope"
-    )]
+    #[command(after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope")]
     Diagnose(RunArguments),
+    /// Like `run`, but stops once the random rollouts are collected.
+    #[command(after_help = "Example: offline collect --demo my-rope/lift-1 --out runs/my-rope")]
+    Collect(RunArguments),
     /// Like `run`, but stops once rollouts are collected and the policy is trained and evaluated.
-    #[command(
-        visible_alias = "collect",
-        after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope"
-    )]
+    #[command(after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope")]
     Train(RunArguments),
     /// Like `run`, but stops once the policy is evaluated.
     #[command(after_help = "Example: offline evaluate --out runs/my-rope --demo my-rope/lift-1")]
@@ -198,7 +198,9 @@ pub fn run(arguments: Arguments) -> ExitCode {
     let json = arguments.json;
     let result = match arguments.command {
         Command::Run(a) => runs::run(&a, Stage::Report, json),
+        Command::Fit(a) => runs::run(&a, Stage::Fit, json),
         Command::Diagnose(a) => runs::run(&a, Stage::Diagnose, json),
+        Command::Collect(a) => runs::run(&a, Stage::Collect, json),
         Command::Train(a) => runs::run(&a, Stage::Train, json),
         Command::Evaluate(a) => runs::run(&a, Stage::Evaluate, json),
         Command::Freeze(a) => runs::run(&a, Stage::Freeze, json),

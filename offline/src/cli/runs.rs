@@ -3,18 +3,19 @@
 use super::RunArguments;
 use super::progress::Reporter;
 use anyhow::Context;
-use offline::collect::Watch;
-use offline::demo::Demo;
+use offline::collect::{DatasetSummary, Watch};
 use offline::diagnose::Advice;
-use offline::fit::Problem;
-use offline::inspect::inspect;
+use offline::fit::{FitResult, Problem};
+use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
-    Identified, Inputs, Learned, RunSettings, Stage, Summary, freeze_policy, identify, learn,
+    Identified, Inputs, Learned, NOT_DIAGNOSED, RunSettings, Stage, Summary, collect_design, fit,
+    freeze_policy, identify, learn,
 };
-use offline::report::{PolicySection, ReportInput, html, views};
+use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
-use offline::run_files::{RunFolder, write_whole};
+use offline::run_files::{Fnv64, RunFolder, write_whole};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -41,73 +42,143 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .out
         .clone()
         .unwrap_or_else(|| Path::new("runs").join(&name));
-    let run = RunFolder::open(&out)?;
-    let identified = identify(&inputs, &settings, &run, &|line| reporter.say(line))?;
-    say_identified(&identified, &reporter);
-    if let Some(force) = &identified.residual_force {
-        reporter.say(&format!("what is left: {}", force.in_words));
+    let job = Job {
+        run: RunFolder::open(&out)?,
+        inputs,
+        settings,
+        arguments,
+        reporter,
+    };
+    let (mut summary, dataset) = if last == Stage::Fit {
+        (job.fit()?, None)
+    } else {
+        job.beyond_fit(last)?
+    };
+    let blob = job.run.blob();
+    match stale(&job.run) {
+        Some(warning) => job.reporter.say(&format!("warning: {warning}")),
+        None => summary.blob = blob.exists().then(|| blob.display().to_string()),
     }
-    say_advice(&identified.advice, &reporter);
-    let fitted: Vec<&Demo> = inputs.demos.iter().collect();
-    for warning in misfits(&fitted, &identified.outcome.fitted.best) {
-        reporter.say(&format!("warning: {warning}"));
+    summary.wall_s = job.reporter.elapsed_s();
+    finish(&summary, dataset, &job, json)
+}
+
+/// What a command works on.
+struct Job<'a> {
+    inputs: Inputs,
+    settings: RunSettings,
+    run: RunFolder,
+    arguments: &'a RunArguments,
+    reporter: Reporter,
+}
+
+impl Job<'_> {
+    /// The base model's fit alone.
+    fn fit(&self) -> anyhow::Result<Summary> {
+        let base = fit(&self.inputs, &self.settings, &self.run, &|line| {
+            self.reporter.say(line)
+        })?;
+        let estimates = base.estimates();
+        say_estimates(&estimates, &self.reporter);
+        let held_out = ResidualSummary::of(&base.held_out);
+        self.reporter.say(&format!(
+            "held-out error {:.2} mm ({:.1} noise floors)",
+            held_out.rms_mm, held_out.floors
+        ));
+        self.warn_of_misfits(&base.fitted);
+        Ok(Summary {
+            folder: self.run.path().display().to_string(),
+            verdict: NOT_DIAGNOSED.into(),
+            effects: Vec::new(),
+            parameters: estimates,
+            held_out_before_mm: held_out.rms_mm,
+            held_out_after_mm: held_out.rms_mm,
+            floor_mm: held_out.floor_mm,
+            policy: None,
+            blob: None,
+            report: None,
+            wall_s: 0.0,
+        })
     }
-    let mut summary = summary_of(&identified, &run);
-    let mut learned_policy = None;
-    if last > Stage::Diagnose {
-        // What comes before has nothing to save half-way: there Ctrl-C ends the program at once.
-        catch_interrupt()?;
-        let watch = Watch {
-            progress: &|p| reporter.advance(p),
-            stop: &STOP,
-        };
-        let learned = learn(&identified, &settings, &run, watch)?;
-        summary.policy = learned.evaluation.miss;
-        say_learned(&learned, &reporter);
-        if last >= Stage::Freeze {
-            let frozen = freeze_policy(&identified, &learned, &settings, &inputs.hashes, &run)?;
-            reporter.say(&format!(
-                "froze {} bytes, read back, {} answers equal bit for bit",
-                frozen.bytes, frozen.answers_compared
-            ));
-            summary.blob = Some(run.blob().display().to_string());
+
+    /// The diagnosis and what comes after it; the hash of the rollouts where there are any.
+    fn beyond_fit(&self, last: Stage) -> anyhow::Result<(Summary, Option<u64>)> {
+        let (run, reporter) = (&self.run, &self.reporter);
+        let identified = identify(&self.inputs, &self.settings, run, &|line| reporter.say(line))?;
+        say_identified(&identified, reporter);
+        self.warn_of_misfits(&identified.outcome.fitted);
+        let mut summary = summary_of(&identified, run);
+        let (mut dataset, mut policy) = (None, None);
+        if last > Stage::Diagnose {
+            // What comes before has nothing to save half-way: there Ctrl-C ends the program at once.
+            catch_interrupt()?;
+            let watch = Watch {
+                progress: &|p| reporter.advance(p),
+                stop: &STOP,
+            };
+            if last == Stage::Collect {
+                let rollouts = collect_design(&identified, &self.settings, run, watch)?;
+                say_rollouts(&rollouts, reporter);
+                dataset = Some(rollouts.hash);
+            } else {
+                let learned = learn(&identified, &self.settings, run, watch)?;
+                summary.policy = learned.evaluation.miss;
+                say_learned(&learned, reporter);
+                dataset = Some(learned.trained.dataset.hash);
+                policy = Some(learned);
+            }
         }
-        learned_policy = Some(learned);
+        if let Some(learned) = policy.as_ref().filter(|_| last >= Stage::Freeze) {
+            self.freeze(&identified, learned)?;
+        }
+        self.write_tables(&identified, policy.as_ref())?;
+        if last == Stage::Report {
+            reporter.say("drawing the report");
+            let page = report(self, &identified, policy.as_ref())?;
+            write_whole(&run.report(), page.as_bytes())?;
+            summary.report = Some(run.report().display().to_string());
+        }
+        Ok((summary, dataset))
     }
-    if last == Stage::Report {
-        reporter.say("drawing the report");
-        let provenance = provenance(arguments, &settings, &reporter);
-        let page = report(
-            &inputs,
-            &settings,
-            &identified,
-            learned_policy.as_ref(),
-            &run,
-            &provenance,
+
+    fn freeze(&self, identified: &Identified, learned: &Learned) -> anyhow::Result<()> {
+        let frozen = freeze_policy(
+            identified,
+            learned,
+            &self.settings,
+            &self.inputs.hashes,
+            &self.run,
         )?;
-        write_whole(&run.report(), page.as_bytes())?;
-        summary.report = Some(run.report().display().to_string());
+        self.reporter.say(&format!(
+            "froze {} bytes, read back, {} answers equal bit for bit",
+            frozen.bytes, frozen.answers_compared
+        ));
+        Ok(())
     }
-    summary.wall_s = reporter.elapsed_s();
-    finish(&summary, arguments, &settings, &run, json)
+
+    fn write_tables(&self, identified: &Identified, learned: Option<&Learned>) -> anyhow::Result<()> {
+        let (demos, _) = self.inputs.members();
+        let policy = learned.map(|l| &l.evaluation);
+        let text = tables(&self.inputs.name, &demos, &identified.outcome, policy);
+        Ok(write_whole(&self.run.tables(), text.as_bytes())?)
+    }
+
+    fn warn_of_misfits(&self, fitted: &FitResult) {
+        let (demos, _) = self.inputs.members();
+        for warning in misfits(&demos, &fitted.best) {
+            self.reporter.say(&format!("warning: {warning}"));
+        }
+    }
 }
 
 /// The page of a run.
-fn report(
-    inputs: &Inputs,
-    settings: &RunSettings,
-    identified: &Identified,
-    learned: Option<&Learned>,
-    run: &RunFolder,
-    provenance: &[(String, String)],
-) -> anyhow::Result<String> {
-    let demos: Vec<&Demo> = inputs.demos.iter().collect();
-    let held_out: Vec<&Demo> = inputs.held_out.iter().collect();
+fn report(job: &Job, identified: &Identified, learned: Option<&Learned>) -> anyhow::Result<String> {
+    let (demos, held_out) = job.inputs.members();
     let outcome = &identified.outcome;
     let mut before = Vec::new();
     let mut after = Vec::new();
     for (members, judges) in [(&demos, false), (&held_out, true)] {
-        let mut problem = Problem::new(members, settings.resolution())?;
+        let mut problem = Problem::new(members, job.settings.resolution())?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         before.extend(views(
             &problem,
@@ -122,9 +193,10 @@ fn report(
             judges,
         )?);
     }
-    let blob = run.blob().exists().then(|| inspect(&run.blob())).transpose()?;
+    let path = job.run.blob();
+    let blob = path.exists().then(|| inspect(&path)).transpose()?;
     Ok(html(&ReportInput {
-        title: &inputs.name,
+        title: &job.inputs.name,
         demos: &demos,
         held_out: &held_out,
         outcome,
@@ -138,23 +210,20 @@ fn report(
             dataset: &l.trained.dataset,
             blob: blob.as_ref(),
         }),
-        provenance,
+        provenance: &provenance(job),
     }))
 }
 
-fn provenance(
-    arguments: &RunArguments,
-    settings: &RunSettings,
-    reporter: &Reporter,
-) -> Vec<(String, String)> {
+fn provenance(job: &Job) -> Vec<(String, String)> {
+    let settings = &job.settings;
     [
         ("command", std::env::args().collect::<Vec<_>>().join(" ")),
         ("program", concat!("offline ", env!("CARGO_PKG_VERSION")).into()),
-        ("seed", arguments.seed.to_string()),
+        ("seed", job.arguments.seed.to_string()),
         ("cells across the rope", format!("{:.2}", settings.cells)),
         ("random rollouts", settings.rollouts.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
-        ("wall time so far", format!("{:.0} s", reporter.elapsed_s())),
+        ("wall time so far", format!("{:.0} s", job.reporter.elapsed_s())),
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .to_vec()
@@ -217,9 +286,7 @@ pub fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
 
 fn say_identified(identified: &Identified, reporter: &Reporter) {
     let outcome = &identified.outcome;
-    for e in outcome.estimates() {
-        reporter.say(&format!("  {}", estimate_line(&e)));
-    }
+    say_estimates(&outcome.estimates(), reporter);
     reporter.say(&format!("verdict: {}", outcome.verdict));
     for reason in &outcome.reasons {
         reporter.say(&format!("  {reason}"));
@@ -232,6 +299,28 @@ fn say_identified(identified: &Identified, reporter: &Reporter) {
         "held-out error {:.2} mm ({:.1} noise floors) before, {:.2} mm ({:.1}) after",
         before.rms_mm, before.floors, after.rms_mm, after.floors
     ));
+    if let Some(force) = &identified.residual_force {
+        reporter.say(&format!("what is left: {}", force.in_words));
+    }
+    say_advice(&identified.advice, reporter);
+}
+
+fn say_estimates(estimates: &[Estimate], reporter: &Reporter) {
+    for e in estimates {
+        reporter.say(&format!("  {}", estimate_line(e)));
+    }
+}
+
+fn say_rollouts(rollouts: &DatasetSummary, reporter: &Reporter) {
+    let (scored, all) = (rollouts.scored, rollouts.rollouts);
+    reporter.say(&format!("rollouts: {scored} of {all} have a score"));
+    say_refusals(&rollouts.refusals, reporter);
+}
+
+fn say_refusals(refusals: &BTreeMap<String, usize>, reporter: &Reporter) {
+    for (reason, count) in refusals {
+        reporter.say(&format!("  refused: {count} ({reason})"));
+    }
 }
 
 /// Effects that are told of the list of what matters for the swing; the report has all.
@@ -280,9 +369,7 @@ fn say_learned(learned: &Learned, reporter: &Reporter) {
             miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
         ));
     }
-    for (reason, count) in &learned.evaluation.refusals {
-        reporter.say(&format!("  refused: {count} ({reason})"));
-    }
+    say_refusals(&learned.evaluation.refusals, reporter);
     reporter.say(&format!(
         "this rope reaches goals from {:.3} to {:.3} m",
         learned.reach_m.low, learned.reach_m.high
@@ -309,22 +396,22 @@ fn summary_of(identified: &Identified, run: &RunFolder) -> Summary {
 }
 
 /// Writes `run.json` and prints where everything is.
-fn finish(
-    summary: &Summary,
-    arguments: &RunArguments,
-    settings: &RunSettings,
-    run: &RunFolder,
-    json: bool,
-) -> anyhow::Result<()> {
+fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> anyhow::Result<()> {
     let record = serde_json::json!({
         "command": std::env::args().collect::<Vec<_>>().join(" "),
         "program": concat!("offline ", env!("CARGO_PKG_VERSION")),
-        "seed": arguments.seed,
-        "settings": settings,
+        "formats": {
+            "demo": offline::demo::FORMAT,
+            "model": offline::model_file::FORMAT,
+            "blob": shared::blob::FORMAT_VERSION,
+        },
+        "seed": job.arguments.seed,
+        "settings": job.settings,
         "threads": rayon::current_num_threads(),
+        "hashes": hashes(job, dataset),
         "summary": summary,
     });
-    write_whole(&run.record(), &serde_json::to_vec_pretty(&record)?)?;
+    write_whole(&job.run.record(), &serde_json::to_vec_pretty(&record)?)?;
     if json {
         println!("{}", serde_json::to_string_pretty(summary)?);
     } else {
@@ -339,4 +426,18 @@ fn finish(
         }
     }
     Ok(())
+}
+
+/// FNV-1a hashes of what went in and what came out, hexadecimal.
+fn hashes(job: &Job, dataset: Option<u64>) -> serde_json::Value {
+    let hex = |hash: u64| format!("{hash:016x}");
+    let file = |path: PathBuf| std::fs::read(path).ok().map(|bytes| hex(Fnv64::of(&bytes)));
+    let demos = |list: &[u64]| list.iter().map(|&hash| hex(hash)).collect::<Vec<_>>();
+    serde_json::json!({
+        "demos": demos(&job.inputs.hashes),
+        "held_out": demos(&job.inputs.held_out_hashes),
+        "model": file(job.run.model()),
+        "dataset": dataset.map(hex),
+        "blob": file(job.run.blob()),
+    })
 }

@@ -25,6 +25,6 @@ pub use next::{
 };
 pub use noise::Noise;
 pub use round::{Refit, Round};
-pub use rounds::{LoopOptions, Outcome, Part, close_loop, problems};
+pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems};
 pub use score::{Score, ScoreTable, Untested};
 pub use verdict::{ReasonCode, Verdict};

@@ -185,6 +185,65 @@ impl<'a> Bench<'a> {
     }
 }
 
+/// A fit of the base model alone.
+pub struct BaseFit {
+    /// The fit.
+    pub fitted: FitResult,
+    /// What it leaves where held out.
+    pub held_out: Evaluation,
+    /// Measured over declared noise.
+    pub noise_scale: Option<f64>,
+    /// How far the simulation's own error may have moved each entry of θ.
+    pub grid_shift: Vec<f64>,
+}
+
+impl BaseFit {
+    /// Its parameters. Standard errors hold both what the noise and what the simulation's own error may have moved.
+    pub fn estimates(&self) -> Vec<Estimate> {
+        estimates_within(&self.fitted.best, &Structure::default(), &self.grid_shift)
+    }
+}
+
+/// Fits the base model and looks for nothing that it lacks.
+///
+/// # Errors
+/// The base model cannot be fitted.
+pub fn fit_only(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<BaseFit, FitError> {
+    let mut bench = Bench::new(demos, held_out, options)?;
+    let structure = Structure::default();
+    let (fitted, noise) = fit_base(&mut bench, options, progress)?;
+    progress("estimating what the grid itself may have moved");
+    Ok(BaseFit {
+        held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
+        grid_shift: grid_shift(&bench.fit, &structure, &fitted.best)?,
+        noise_scale: noise.map(|n| n.scale),
+        fitted,
+    })
+}
+
+/// The base model's fit, and the noise where the data tell it: the bench and the fit's rows know it then.
+fn fit_base(
+    bench: &mut Bench,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<(FitResult, Option<Noise>), FitError> {
+    progress("fitting the base model from several starts");
+    let mut base = fit(&bench.fit, &Structure::default(), &options.fit)?;
+    let noise = Noise::at_rest(&bench.fit, &base.best);
+    if let Some(noise) = noise {
+        bench.set_noise(noise, options);
+        for row in base.best.rows.iter_mut().flatten() {
+            row.sigma_m *= noise.scale;
+        }
+    }
+    Ok((base, noise))
+}
+
 /// Runs the loop. `progress` hears one line per step.
 ///
 /// # Errors
@@ -197,15 +256,7 @@ pub fn close_loop(
 ) -> Result<Outcome, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let structure = Structure::default();
-    progress("fitting the base model from several starts");
-    let mut base = fit(&bench.fit, &structure, &options.fit)?;
-    let noise = Noise::at_rest(&bench.fit, &base.best);
-    if let Some(noise) = noise {
-        bench.set_noise(noise, options);
-        for row in base.best.rows.iter_mut().flatten() {
-            row.sigma_m *= noise.scale;
-        }
-    }
+    let (base, noise) = fit_base(&mut bench, options, progress)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = Standing {
         fitted: bench.again(&structure, &base.best.theta)?,

@@ -1,5 +1,7 @@
 //! The first half of a run: fit, residual, missing effects, `model.toml`.
 
+use super::fit::{Final, FitFile};
+use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
@@ -7,12 +9,11 @@ use crate::diagnose::{
     advise, close_loop, residual_force,
 };
 use crate::effects;
-use crate::fit::{estimates, fit_from};
-use crate::model::{Estimate, Structure};
-use crate::model_file::{FORMAT, ModelFile, ModelProvenance};
+use crate::fit::{FitResult, fit_from};
+use crate::model::Structure;
+use crate::model_file::ModelFile;
 use crate::residual::{ResidualMap, ResidualSummary};
-use crate::run_files::{Fnv64, RunFolder, kept, write_whole};
-use crate::sim::rope::RopeShape;
+use crate::run_files::{RunFolder, kept, write_whole};
 use serde::{Deserialize, Serialize};
 
 /// What is known about the rope after the first half.
@@ -25,36 +26,13 @@ pub struct Identified {
     pub advice: Advice,
     /// The rope.
     pub model: ModelFile,
-    /// Content hash of the model, which rollouts carry.
+    /// Content hash of `model.toml`, which the blob carries.
     pub model_hash: u64,
-}
-
-/// `fit.json`: the fits with and without effects.
-#[derive(Serialize, Deserialize)]
-struct FitFile {
-    key: u64,
-    base_theta: Vec<f64>,
-    base: Vec<Estimate>,
-    final_theta: Vec<f64>,
-    /// How far the grid's own error may have moved each entry of it.
-    grid_shift: Vec<f64>,
-    parameters: Vec<Estimate>,
-    effects: Vec<String>,
-    starts_ended_at: Vec<StartEnd>,
-    stop: crate::fit::StopReason,
-    evaluations: usize,
-}
-
-/// Where one start of the base fit ended.
-#[derive(Serialize, Deserialize)]
-struct StartEnd {
-    young_pa: f64,
-    cost: f64,
 }
 
 /// `diagnosis.json`.
 #[derive(Serialize, Deserialize)]
-struct DiagnosisFile {
+pub(super) struct DiagnosisFile {
     key: u64,
     verdict: Verdict,
     verdict_in_words: String,
@@ -86,9 +64,8 @@ pub fn identify(
     run: &RunFolder,
     progress: &dyn Fn(&str),
 ) -> anyhow::Result<Identified> {
-    let demos: Vec<&Demo> = inputs.demos.iter().collect();
-    let held_out: Vec<&Demo> = inputs.held_out.iter().collect();
-    let key = key(inputs, settings);
+    let (demos, held_out) = inputs.members();
+    let key = inputs.key(settings);
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let (outcome, force, advice) = match earlier(run, key) {
         Some((fit, diagnosis)) => {
@@ -110,15 +87,16 @@ pub fn identify(
             (outcome, force, advice)
         }
     };
-    let model = model(inputs, settings, &outcome);
+    let estimates = outcome.estimates();
+    let verdict = outcome.verdict.to_string();
+    let model = model(inputs, settings, verdict, (&outcome.structure, &estimates));
     model.save(&run.model())?;
-    save_residual(run, &demos, &outcome)?;
-    let hashed = toml::to_string(&(&model.rope, &model.effects, settings.cells)).unwrap_or_default();
+    save_residual(run, &demos, [&outcome.base, &outcome.fitted])?;
     Ok(Identified {
         outcome,
         residual_force: force,
         advice,
-        model_hash: Fnv64::of(hashed.as_bytes()),
+        model_hash: model.hash(),
         model,
     })
 }
@@ -140,22 +118,8 @@ fn force_left(
     })
 }
 
-/// Hash of everything that the first half depends on.
-fn key(inputs: &Inputs, settings: &RunSettings) -> u64 {
-    let mut hash = Fnv64::default();
-    for h in &inputs.hashes {
-        hash.add(&h.to_le_bytes());
-    }
-    for demo in &inputs.held_out {
-        hash.add(demo.name.as_bytes());
-    }
-    hash.add(&settings.cells.to_le_bytes());
-    hash.add(&settings.seed.to_le_bytes());
-    hash.add(env!("CARGO_PKG_VERSION").as_bytes());
-    hash.value()
-}
-
-fn earlier(run: &RunFolder, key: u64) -> Option<(FitFile, DiagnosisFile)> {
+/// What an earlier run found for the same data and settings.
+pub(super) fn earlier(run: &RunFolder, key: u64) -> Option<(FitFile, DiagnosisFile)> {
     let fit: FitFile = kept(&run.fit())?;
     let diagnosis: DiagnosisFile = kept(&run.diagnosis())?;
     (fit.key == key && diagnosis.key == key).then_some((fit, diagnosis))
@@ -205,31 +169,16 @@ fn save(
     residual_force: Option<&ResidualForce>,
     advice: &Advice,
 ) -> anyhow::Result<()> {
-    let fit = FitFile {
+    let fit = FitFile::of(
         key,
-        base_theta: outcome.base.best.theta.clone(),
-        base: estimates(&outcome.base.best, &Structure::default()),
-        final_theta: outcome.fitted.best.theta.clone(),
-        parameters: outcome.estimates(),
-        grid_shift: outcome.grid_shift.clone(),
-        effects: outcome
-            .structure
-            .effects
-            .iter()
-            .map(|&e| effects::ALL[e].id.into())
-            .collect(),
-        starts_ended_at: outcome
-            .base
-            .ends
-            .iter()
-            .map(|&(ln_young, cost)| StartEnd {
-                young_pa: ln_young.exp(),
-                cost,
-            })
-            .collect(),
-        stop: outcome.base.stop,
-        evaluations: outcome.base.evaluations,
-    };
+        &outcome.base,
+        Final {
+            structure: &outcome.structure,
+            fitted: &outcome.fitted,
+            parameters: outcome.estimates(),
+            grid_shift: &outcome.grid_shift,
+        },
+    );
     let diagnosis = DiagnosisFile {
         key,
         verdict: outcome.verdict.clone(),
@@ -252,36 +201,18 @@ fn save(
 }
 
 /// `residual.json`: maps of the fitted demonstrations before and after.
-fn save_residual(run: &RunFolder, demos: &[&Demo], outcome: &Outcome) -> anyhow::Result<()> {
-    let maps = |rows: &[Vec<crate::observe::Row>]| -> Vec<ResidualMap> {
+pub(super) fn save_residual(run: &RunFolder, demos: &[&Demo], fits: [&FitResult; 2]) -> anyhow::Result<()> {
+    let maps = |fit: &FitResult| -> Vec<ResidualMap> {
         demos
             .iter()
-            .zip(rows)
+            .zip(&fit.best.rows)
             .map(|(demo, rows)| ResidualMap::of(demo, &demo.times_s(), rows))
             .collect()
     };
     let text = serde_json::to_vec(&serde_json::json!({
-        "before": maps(&outcome.base.best.rows),
-        "after": maps(&outcome.fitted.best.rows),
+        "before": maps(fits[0]),
+        "after": maps(fits[1]),
     }))?;
     write_whole(&run.residual(), &text)?;
     Ok(())
-}
-
-fn model(inputs: &Inputs, settings: &RunSettings, outcome: &Outcome) -> ModelFile {
-    let all = outcome.estimates();
-    ModelFile {
-        format: FORMAT.into(),
-        name: inputs.name.clone(),
-        verdict: outcome.verdict.to_string(),
-        rope: RopeShape::of_spec(&inputs.demos[0].spec.rope),
-        elasticity: all[..2].to_vec(),
-        effects: ModelFile::entries(&outcome.structure, &all),
-        provenance: ModelProvenance {
-            program: concat!("offline ", env!("CARGO_PKG_VERSION")).into(),
-            cells_per_diameter: settings.cells,
-            demos: inputs.hashes.iter().map(|h| format!("{h:016x}")).collect(),
-            seed: settings.seed,
-        },
-    }
 }

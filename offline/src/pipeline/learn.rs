@@ -2,7 +2,7 @@
 
 use super::identify::Identified;
 use super::settings::{Preset, RunSettings};
-use crate::collect::{Design, Watch};
+use crate::collect::{DatasetSummary, Design, Watch, collect};
 use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
 use crate::freeze::{Frozen, bounded, freeze, short};
 use crate::model::Estimate;
@@ -79,6 +79,30 @@ fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> 
     }
 }
 
+/// Collects the rollouts of the random design and nothing else.
+///
+/// # Errors
+/// Stopped on request, or a file cannot be written.
+pub fn collect_design(
+    identified: &Identified,
+    settings: &RunSettings,
+    run: &RunFolder,
+    watch: Watch,
+) -> anyhow::Result<DatasetSummary> {
+    let model = &identified.model;
+    let swing = swing_of(model)?;
+    let design = design(&swing, model, settings);
+    design.check()?;
+    let rollouts = collect(
+        &design.samples(),
+        &swing,
+        &run.rollouts(0),
+        model.swing_hash(),
+        watch,
+    )?;
+    Ok(rollouts.summary())
+}
+
 /// Collects, trains and evaluates.
 ///
 /// # Errors
@@ -111,7 +135,7 @@ pub fn learn(
         Preset::Paper => TrainSettings::PAPER,
     };
     schedule.seed = settings.seed;
-    let trained = train(&design, &swing, run, identified.model_hash, &schedule, watch)?;
+    let trained = train(&design, &swing, run, model.swing_hash(), &schedule, watch)?;
     let [ropes, goals] = settings.evaluation;
     let practice = unseen(&trained.reach, ropes, goals, settings.seed);
     let evaluation = evaluate(&trained.policy, &swing, &practice, watch)?;

@@ -2,14 +2,17 @@
 //! stage leaves whole files in the run's folder and is skipped when they are there already, so a
 //! killed run goes on where it was.
 
+mod fit;
 mod identify;
 #[cfg(feature = "train")]
 mod learn;
+mod model;
 mod settings;
 
+pub use fit::{NOT_DIAGNOSED, fit};
 pub use identify::{Identified, identify};
 #[cfg(feature = "train")]
-pub use learn::{Learned, freeze_policy, learn};
+pub use learn::{Learned, collect_design, freeze_policy, learn};
 pub use settings::{Inputs, Preset, RunSettings};
 
 use serde::Serialize;
@@ -18,9 +21,13 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
-    /// Fit, residual, effects.
+    /// Fit of the base model.
+    Fit,
+    /// Residual and effects.
     Diagnose,
-    /// Rollouts and training.
+    /// Rollouts.
+    Collect,
+    /// Training.
     Train,
     /// Evaluation.
     Evaluate,

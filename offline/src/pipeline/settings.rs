@@ -2,9 +2,11 @@
 
 use crate::demo::Demo;
 use crate::fit::Resolution;
+use crate::freeze::short;
 use crate::run_files::Fnv64;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
+use shared::blob::{MAX_DEMOS, NAME_BYTES};
 use std::path::{Path, PathBuf};
 
 /// How much a run does.
@@ -69,18 +71,32 @@ pub struct Inputs {
     pub held_out: Vec<Demo>,
     /// Content hash of each fitted demonstration.
     pub hashes: Vec<u64>,
+    /// Content hash of each that only judges.
+    pub held_out_hashes: Vec<u64>,
 }
 
 impl Inputs {
     /// Reads the demonstrations.
     ///
     /// # Errors
-    /// A folder is missing or malformed, or the demonstrations are of different ropes.
+    /// A folder is missing or malformed, the demonstrations are of different ropes, or a blob has no room for the name
+    /// or the demonstrations: hours later would be a bad time to say so.
     pub fn load(name: &str, demos: &[PathBuf], held_out: &[PathBuf]) -> anyhow::Result<Self> {
         anyhow::ensure!(
             !demos.is_empty(),
             "no demonstration was given: name at least one folder with --demo"
         );
+        anyhow::ensure!(
+            !name.is_empty(),
+            "the rope's name is empty: give it one with --name"
+        );
+        short::<NAME_BYTES>("rope", name)?;
+        anyhow::ensure!(
+            demos.len() <= MAX_DEMOS,
+            "{} demonstrations to fit are more than a blob's {MAX_DEMOS}: leave some out",
+            demos.len()
+        );
+        let hashes = |paths: &[PathBuf]| paths.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>();
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Demo>> {
             paths.iter().map(|p| Ok(Demo::load(p)?)).collect()
         };
@@ -88,7 +104,8 @@ impl Inputs {
             name: name.into(),
             demos: read(demos)?,
             held_out: read(held_out)?,
-            hashes: demos.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>()?,
+            hashes: hashes(demos)?,
+            held_out_hashes: hashes(held_out)?,
         };
         let first = &inputs.demos[0].spec.rope;
         for other in inputs.demos.iter().chain(&inputs.held_out) {
@@ -103,6 +120,26 @@ impl Inputs {
             );
         }
         Ok(inputs)
+    }
+
+    /// Demonstrations that are fitted, and those that only judge.
+    pub fn members(&self) -> (Vec<&Demo>, Vec<&Demo>) {
+        (self.demos.iter().collect(), self.held_out.iter().collect())
+    }
+
+    /// Hash of everything that fit and diagnosis depend on.
+    pub(super) fn key(&self, settings: &RunSettings) -> u64 {
+        let mut hash = Fnv64::default();
+        for list in [&self.hashes, &self.held_out_hashes] {
+            hash.add(&list.len().to_le_bytes());
+            for content in list {
+                hash.add(&content.to_le_bytes());
+            }
+        }
+        hash.add(&settings.cells.to_le_bytes());
+        hash.add(&settings.seed.to_le_bytes());
+        hash.add(env!("CARGO_PKG_VERSION").as_bytes());
+        hash.value()
     }
 }
 
@@ -133,4 +170,53 @@ fn hash_folder(folder: &Path) -> anyhow::Result<u64> {
         hash.add(&std::fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?);
     }
     Ok(hash.value())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAMPLE: &str = "demos/sample-rope";
+
+    fn inputs(held_out: &Path) -> Inputs {
+        Inputs::load("red", &[Path::new(SAMPLE).join("fit")], &[held_out.to_path_buf()]).unwrap()
+    }
+
+    /// Copies the files of a demonstration.
+    fn copy(from: &Path, to: &Path) {
+        std::fs::create_dir_all(to).unwrap();
+        for entry in std::fs::read_dir(from).unwrap() {
+            let path = entry.unwrap().path();
+            let to = to.join(path.file_name().unwrap());
+            if path.is_dir() {
+                copy(&path, &to);
+            } else {
+                std::fs::copy(&path, &to).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn a_demonstration_that_judges_counts_by_its_content() {
+        let settings = RunSettings::of(Preset::Quick, 1);
+        let folder = tempfile::tempdir().unwrap();
+        let judge = folder.path().join("second");
+        let keys = ["held-out-1", "held-out-2", "held-out-1"].map(|part| {
+            let _ = std::fs::remove_dir_all(&judge);
+            copy(&Path::new(SAMPLE).join(part), &judge);
+            inputs(&judge).key(&settings)
+        });
+        assert_ne!(keys[0], keys[1]);
+        assert_eq!(keys[0], keys[2]);
+        assert_ne!(keys[0], inputs(&judge).key(&RunSettings::of(Preset::Quick, 2)));
+    }
+
+    #[test]
+    fn a_name_that_no_blob_holds_is_refused_before_anything_is_read() {
+        for (name, words) in [("", "empty"), (&"x".repeat(33), "longer than 32 bytes")] {
+            let refused = Inputs::load(name, &[PathBuf::from("nowhere")], &[]);
+            let message = refused.err().unwrap().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+    }
 }

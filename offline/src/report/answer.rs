@@ -78,7 +78,7 @@ fn rope_line(found: &[Estimate]) -> Markup {
     }
 }
 
-fn density_kg_m3(rope: &RopeSpec) -> f64 {
+pub(super) fn density_kg_m3(rope: &RopeSpec) -> f64 {
     rope.mass_kg / (rope.length_m * FRAC_PI_4 * rope.diameter_m.powi(2))
 }
 

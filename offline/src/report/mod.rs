@@ -9,8 +9,10 @@ mod page;
 mod policy;
 mod ranking;
 mod residuals;
+mod tables;
 mod view;
 
+pub use tables::tables;
 pub use view::{DemoView, views};
 
 use crate::collect::DatasetSummary;

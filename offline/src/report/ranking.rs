@@ -139,17 +139,26 @@ fn one_step(score: &Score) -> Markup {
 }
 
 /// What became of an effect, in a word.
-fn brief(round: &Round, score: &Score) -> Markup {
-    html! {
-        @match refit(round, &score.id) {
-            Some(refit) if in_company(round, refit) => span.yes.nowrap { "accepted, in company" },
-            _ if is_accepted(round, &score.id) => span.yes.nowrap { "accepted" },
-            Some(refit) if refit.passed => span.nowrap { "passed, second" },
-            Some(_) => span.no.nowrap { "refit failed" },
-            None if score.significant() => "not refitted",
-            None => span.quiet.nowrap { "below threshold" },
-        }
+pub(super) fn outcome(round: &Round, score: &Score) -> &'static str {
+    match refit(round, &score.id) {
+        Some(refit) if in_company(round, refit) => "accepted, in company",
+        _ if is_accepted(round, &score.id) => "accepted",
+        Some(refit) if refit.passed => "passed, second",
+        Some(_) => "refit failed",
+        None if score.significant() => "not refitted",
+        None => "below threshold",
     }
+}
+
+/// The same in the colour of its tone.
+fn brief(round: &Round, score: &Score) -> Markup {
+    let tone = match refit(round, &score.id) {
+        _ if is_accepted(round, &score.id) => "yes",
+        Some(refit) if !refit.passed => "no",
+        None if !score.significant() => "quiet",
+        _ => "",
+    };
+    html! { span.nowrap.(tone) { (outcome(round, score)) } }
 }
 
 /// Why an effect was not accepted.

@@ -1,0 +1,110 @@
+//! The fit of the base model alone, and `fit.json`.
+
+use super::model::model;
+use super::settings::{Inputs, RunSettings};
+use crate::diagnose::{BaseFit, LoopOptions, fit_only};
+use crate::effects;
+use crate::fit::{FitResult, StopReason, estimates};
+use crate::model::{Estimate, Structure};
+use crate::run_files::{FileError, RunFolder, write_whole};
+use serde::{Deserialize, Serialize};
+
+/// What `model.toml` says instead of a verdict where nobody has looked for missing effects.
+pub const NOT_DIAGNOSED: &str = "not diagnosed: `offline diagnose` says what the model lacks";
+
+/// `fit.json`: the fits with and without effects.
+#[derive(Serialize, Deserialize)]
+pub(super) struct FitFile {
+    /// Of what they depend on.
+    pub(super) key: u64,
+    pub(super) base_theta: Vec<f64>,
+    base: Vec<Estimate>,
+    pub(super) final_theta: Vec<f64>,
+    /// How far the grid's own error may have moved each entry of it.
+    pub(super) grid_shift: Vec<f64>,
+    parameters: Vec<Estimate>,
+    pub(super) effects: Vec<String>,
+    starts_ended_at: Vec<StartEnd>,
+    stop: StopReason,
+    evaluations: usize,
+}
+
+/// Where one start of the base fit ended.
+#[derive(Serialize, Deserialize)]
+struct StartEnd {
+    young_pa: f64,
+    cost: f64,
+}
+
+/// A model that was fitted.
+pub(super) struct Final<'a> {
+    pub(super) structure: &'a Structure,
+    pub(super) fitted: &'a FitResult,
+    pub(super) parameters: Vec<Estimate>,
+    pub(super) grid_shift: &'a [f64],
+}
+
+impl FitFile {
+    pub(super) fn of(key: u64, base: &FitResult, last: Final) -> Self {
+        let ends = base.ends.iter().map(|&(ln_young, cost)| StartEnd {
+            young_pa: ln_young.exp(),
+            cost,
+        });
+        let effects = last.structure.effects.iter();
+        Self {
+            key,
+            base_theta: base.best.theta.clone(),
+            base: estimates(&base.best, &Structure::default()),
+            final_theta: last.fitted.best.theta.clone(),
+            grid_shift: last.grid_shift.to_vec(),
+            parameters: last.parameters,
+            effects: effects.map(|&e| effects::ALL[e].id.into()).collect(),
+            starts_ended_at: ends.collect(),
+            stop: base.stop,
+            evaluations: base.evaluations,
+        }
+    }
+}
+
+/// Fits the base model and writes `fit.json`, `residual.json` and `model.toml`, unless a diagnosis of the same data
+/// has left better ones.
+///
+/// # Errors
+/// The base model cannot be fitted, or a file cannot be written.
+pub fn fit(
+    inputs: &Inputs,
+    settings: &RunSettings,
+    run: &RunFolder,
+    progress: &dyn Fn(&str),
+) -> anyhow::Result<BaseFit> {
+    let (demos, held_out) = inputs.members();
+    let options = LoopOptions::new(settings.resolution(), settings.seed);
+    let base = fit_only(&demos, &held_out, &options, progress)?;
+    let key = inputs.key(settings);
+    if super::identify::earlier(run, key).is_some() {
+        progress("a diagnosis of the same data is there: its files stay as they are");
+        return Ok(base);
+    }
+    if run.diagnosis().exists() {
+        progress("diagnosis.json is of other data or settings: removed");
+        std::fs::remove_file(run.diagnosis())
+            .map_err(|error| FileError::new("remove", &run.diagnosis(), error))?;
+    }
+    let structure = Structure::default();
+    let parameters = base.estimates();
+    let model = model(inputs, settings, NOT_DIAGNOSED.into(), (&structure, &parameters));
+    let file = FitFile::of(
+        key,
+        &base.fitted,
+        Final {
+            structure: &structure,
+            fitted: &base.fitted,
+            parameters,
+            grid_shift: &base.grid_shift,
+        },
+    );
+    write_whole(&run.fit(), &serde_json::to_vec_pretty(&file)?)?;
+    super::identify::save_residual(run, &demos, [&base.fitted; 2])?;
+    model.save(&run.model())?;
+    Ok(base)
+}
