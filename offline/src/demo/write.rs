@@ -13,7 +13,7 @@ impl Demo {
     /// moved there at the end, so a reader never meets half of a demonstration.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DemoError> {
         let dir = dir.as_ref();
-        check::demo(dir, self)?;
+        check::demo(dir, self, "")?;
         refuse_other_folders(dir)?;
         let parent = match dir.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
