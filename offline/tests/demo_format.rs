@@ -384,6 +384,53 @@ fn saving_replaces_a_demo_but_no_other_folder() {
 }
 
 #[test]
+fn saving_never_replaces_a_file() {
+    let parent = tempfile::tempdir().expect("a temporary folder");
+    let file = parent.path().join("f.txt");
+    fs::write(&file, "precious").expect("the folder is writable");
+    let error = cloud_demo().save(&file).expect_err("it is a file").to_string();
+    assert!(
+        error.contains("f.txt: this is no folder; choose a folder"),
+        "{error}"
+    );
+    assert_eq!(fs::read_to_string(&file).expect("it is there"), "precious");
+}
+
+#[test]
+fn saving_keeps_what_a_user_added_to_a_demo() {
+    for added in [
+        "notes.txt",
+        "clouds/photo.jpg",
+        "clamp_left.csv",
+        "clouds/more.ply/notes.txt",
+    ] {
+        let (_parent, dir) = saved(&cloud_demo());
+        let file = dir.join(added);
+        fs::create_dir_all(file.parent().expect("it is in the folder")).expect("the folder is writable");
+        fs::write(&file, "words").expect("the folder is writable");
+        let error = marker_demo()
+            .save(&dir)
+            .expect_err("the file would be lost")
+            .to_string();
+        let first = added.trim_end_matches("/notes.txt");
+        assert!(
+            error.contains(&format!("{first}: this is no part")),
+            "{added}: {error}"
+        );
+        assert_eq!(fs::read_to_string(&file).expect("it is there"), "words");
+    }
+}
+
+#[test]
+fn a_demo_with_all_that_the_format_knows_is_replaced() {
+    let (_parent, dir) = saved(&cloud_demo());
+    fs::rename(dir.join("clouds/0001.ply"), dir.join("clouds/0001.PCD")).expect("the folder is writable");
+    marker_demo().save(&dir).expect("nothing else is in it");
+    cloud_demo().save(&dir).expect("nothing else is in it");
+    assert_eq!(Demo::load(&dir).expect("it was saved"), cloud_demo());
+}
+
+#[test]
 fn a_start_that_the_data_do_not_show_is_refused_at_its_line() {
     let spoil = |dir: &Path| {
         let file = dir.join("demo.toml");

@@ -44,6 +44,16 @@ impl DemoError {
         };
         Self::new(file, format!("{doing} failed ({error})"), remedy)
     }
+
+    /// A failure to write.
+    pub(super) fn unwritten(file: &Path, doing: &str, error: &std::io::Error) -> Self {
+        let remedy = match error.kind() {
+            ErrorKind::PermissionDenied => "check the permissions, or choose another folder",
+            ErrorKind::StorageFull => "free some space",
+            _ => "choose a folder that can be written to",
+        };
+        Self::new(file, format!("{doing} failed ({error})"), remedy)
+    }
 }
 
 fn at_line(line: Option<usize>) -> String {
