@@ -88,6 +88,11 @@ fn wrong_use_says_what_to_do() {
             1,
             "the rope reaches",
         ),
+        (
+            &["--young-pa", "1e6", "--release", "9", "9"],
+            1,
+            "the release point is 12.",
+        ),
         (&["--model", "nowhere.toml"], 1, "cannot read nowhere.toml"),
     ];
     for (arguments, code, words) in cases {
