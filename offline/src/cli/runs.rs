@@ -1,6 +1,7 @@
 //! `offline run` and the commands that stop earlier.
 
 use super::RunArguments;
+use super::output::{note, print};
 use super::progress::Reporter;
 use anyhow::Context;
 use offline::collect::Watch;
@@ -166,7 +167,7 @@ fn catch_interrupt() -> anyhow::Result<()> {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        eprintln!("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
+        note("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
     })
     .context("cannot catch Ctrl-C")
 }
@@ -326,15 +327,15 @@ fn finish(
     });
     write_whole(&run.record(), &serde_json::to_vec_pretty(&record)?)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(summary)?);
+        print(serde_json::to_string_pretty(summary)?)?;
     } else {
-        println!(
+        print(format_args!(
             "done in {:.0} s; everything is in {}",
             summary.wall_s, summary.folder
-        );
+        ))?;
         for (what, path) in [("report", &summary.report), ("policy", &summary.blob)] {
             if let Some(path) = path {
-                println!("  {what}: {path}");
+                print(format_args!("  {what}: {path}"))?;
             }
         }
     }
