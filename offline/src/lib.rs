@@ -25,6 +25,7 @@ pub mod run_files;
 pub mod sim;
 pub mod statistics;
 pub mod swing;
+mod toml_lines;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod trained;

@@ -1,5 +1,8 @@
 //! The program `offline`: arguments in, library calls, messages and exit codes out.
 
+// What prints goes through `cli::output`, which does not panic where the reader has gone.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod cli;
 
 use clap::Parser;

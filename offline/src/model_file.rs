@@ -6,6 +6,7 @@ use crate::effects;
 use crate::model::{Estimate, Structure};
 use crate::run_files::{FileError, Fnv64, write_whole};
 use crate::sim::rope::RopeShape;
+use crate::toml_lines::line_at;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -176,15 +177,26 @@ impl ModelFile {
     /// # Errors
     /// The file is missing, malformed or of another format.
     pub fn load(path: &Path) -> anyhow::Result<Self> {
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let model: Self =
-            toml::from_str(&text).with_context(|| format!("{} is not a model", path.display()))?;
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            let remedy = "name the folder of a run that has fitted its rope, or its model.toml";
+            anyhow::anyhow!("cannot read {}: {error}; {remedy}", path.display())
+        })?;
+        let model: Self = toml::from_str(&text).map_err(|error| {
+            let line = error.span().map_or(1, |span| line_at(&text, span.start));
+            let remedy = "mend the line, or let `offline fit` write the file again";
+            anyhow::anyhow!("{}:{line}: {}; {remedy}", path.display(), error.message())
+        })?;
         anyhow::ensure!(
             model.format == FORMAT,
             "{}: format is `{}`, this program reads `{FORMAT}`",
             path.display(),
             model.format
+        );
+        anyhow::ensure!(
+            model.elasticity.len() == 2,
+            "{}: there are {} values in [[elasticity]]; write Young's modulus and Poisson's ratio",
+            path.display(),
+            model.elasticity.len()
         );
         model.structure().with_context(|| path.display().to_string())?;
         Ok(model)

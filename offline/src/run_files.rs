@@ -7,20 +7,21 @@ use std::path::{Path, PathBuf};
 
 /// A file operation that failed, with the path and what to do.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot {action} {}: {source}; check the path, its permissions and the free space", path.display())]
+#[error("cannot {action} {}: {cause}; check the path, its permissions and the free space", path.display())]
 pub struct FileError {
     action: &'static str,
     path: PathBuf,
-    source: std::io::Error,
+    /// Not called `source`: that would be said a second time where all causes of an error are said.
+    cause: std::io::Error,
 }
 
 impl FileError {
     /// Wraps the error of `action` ("read", "write", ...) on `path`.
-    pub fn new(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+    pub fn new(action: &'static str, path: &Path, cause: std::io::Error) -> Self {
         Self {
             action,
             path: path.to_path_buf(),
-            source,
+            cause,
         }
     }
 }
@@ -28,7 +29,7 @@ impl FileError {
 /// Writes `bytes` to `path` so that after any crash the path holds the old content or the new, whole:
 /// a temporary file in the same folder is synced, renamed over the path, and the folder is synced.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    let fail = |source| FileError::new("write", path, source);
+    let fail = |cause| FileError::new("write", path, cause);
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -58,7 +59,7 @@ fn share_as_usual(_file: &File) -> std::io::Result<()> {
 
 /// The whole content of a file.
 pub fn read_whole(path: &Path) -> Result<Vec<u8>, FileError> {
-    fs::read(path).map_err(|source| FileError::new("read", path, source))
+    fs::read(path).map_err(|cause| FileError::new("read", path, cause))
 }
 
 /// What an earlier run kept in a JSON file; none where there is no such file or it holds something else.
@@ -148,7 +149,7 @@ pub struct RunFolder {
 impl RunFolder {
     /// The run at `path`, which is made if it is not there.
     pub fn open(path: &Path) -> Result<Self, FileError> {
-        fs::create_dir_all(path).map_err(|source| FileError::new("make", path, source))?;
+        fs::create_dir_all(path).map_err(|cause| FileError::new("make", path, cause))?;
         Ok(Self {
             path: path.to_path_buf(),
         })
@@ -245,6 +246,11 @@ mod tests {
             message.contains("taken") && message.contains("check the path"),
             "{message}"
         );
+        let with_causes = format!(
+            "{:#}",
+            anyhow::Error::from(write_whole(&path, b"new").unwrap_err())
+        );
+        assert_eq!(with_causes, message, "a cause is said twice");
         assert_eq!(fs::read(path.join("inside")).unwrap(), b"kept");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }

@@ -121,28 +121,28 @@ macro_rules! refusals {
 }
 
 refusals! {
-    wrong_format: cloud_demo, "demo.toml", "genorm-demo/1" => "genorm-demo/9", "demo.toml", "genorm-demo/9";
+    wrong_format: cloud_demo, "demo.toml", "genorm-demo/1" => "genorm-demo/9", "demo.toml:1", "genorm-demo/9";
     unknown_key: cloud_demo, "demo.toml", "noise_m" => "temperature_k = 0.0\nnoise_m", "demo.toml:3", "temperature_k";
     unknown_scene: cloud_demo, "demo.toml", "\"lift\"" => "\"throw\"", "demo.toml:2", "throw";
     missing_key: cloud_demo, "demo.toml", "length_m = 0.25\n" => "", "demo.toml:6", "length_m";
     not_toml: cloud_demo, "demo.toml", "[rope]" => "[rope", "demo.toml:6", "]";
-    no_noise: cloud_demo, "demo.toml", "noise_m = 0.001" => "noise_m = 0.0", "demo.toml", "noise_m";
-    noise_not_finite: cloud_demo, "demo.toml", "noise_m = 0.001" => "noise_m = nan", "demo.toml", "noise_m";
-    rope_of_300_m: cloud_demo, "demo.toml", "length_m = 0.25" => "length_m = 300.0", "demo.toml", "length_m";
-    rope_14_m_thick: cloud_demo, "demo.toml", "diameter_m = 0.014" => "diameter_m = 14.0", "demo.toml", "diameter_m";
-    thicker_than_long: cloud_demo, "demo.toml", "diameter_m = 0.014" => "diameter_m = 0.14", "demo.toml", "diameter_m";
-    mass_in_grams: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = 38.5", "demo.toml", "density";
-    mass_not_finite: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = nan", "demo.toml", "density";
-    mass_negative: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = -0.0385", "demo.toml", "density";
-    direction_not_unit: cloud_demo, "demo.toml", "direction = [1.0, 0.0" => "direction = [2.0, 0.0", "demo.toml", "direction";
-    table_far_away: cloud_demo, "demo.toml", "height_m = 0.0" => "height_m = 700.0", "demo.toml", "height_m";
-    friction_negative: cloud_demo, "demo.toml", "friction = 0.5" => "friction = -0.5", "demo.toml", "friction";
-    grip_longer_than_rope: cloud_demo, "demo.toml", "grip_m = 0.02" => "grip_m = 0.3", "demo.toml", "grips 0.3 m";
-    grip_of_nothing: cloud_demo, "demo.toml", "grip_m = 0.02" => "grip_m = 0.0", "demo.toml", "grips 0 m";
-    lift_with_no_clamp: cloud_demo, "demo.toml", "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n" => "", "demo.toml", "0 clamps";
-    same_end_twice: cloud_demo, "demo.toml", "[[clamps]]" => "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n[[clamps]]", "demo.toml", "2 clamps";
-    camera_quaternion: cloud_demo, "demo.toml", "[0.0, 0.0, 0.0, 1.0]" => "[0.0, 0.0, 0.0, 2.0]", "demo.toml", "camera 'left'";
-    camera_focal_length: cloud_demo, "demo.toml", "[385.0, 385.0]" => "[385.0, 0.0]", "demo.toml", "optics";
+    no_noise: cloud_demo, "demo.toml", "noise_m = 0.001" => "noise_m = 0.0", "demo.toml:3", "noise_m";
+    noise_not_finite: cloud_demo, "demo.toml", "noise_m = 0.001" => "noise_m = nan", "demo.toml:3", "noise_m";
+    rope_of_300_m: cloud_demo, "demo.toml", "length_m = 0.25" => "length_m = 300.0", "demo.toml:7", "length_m";
+    rope_14_m_thick: cloud_demo, "demo.toml", "diameter_m = 0.014" => "diameter_m = 14.0", "demo.toml:8", "diameter_m";
+    thicker_than_long: cloud_demo, "demo.toml", "diameter_m = 0.014" => "diameter_m = 0.14", "demo.toml:8", "diameter_m";
+    mass_in_grams: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = 38.5", "demo.toml:9", "density";
+    mass_not_finite: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = nan", "demo.toml:9", "density";
+    mass_negative: cloud_demo, "demo.toml", "mass_kg = 0.0385" => "mass_kg = -0.0385", "demo.toml:9", "density";
+    direction_not_unit: cloud_demo, "demo.toml", "direction = [1.0, 0.0" => "direction = [2.0, 0.0", "demo.toml:10", "direction";
+    table_far_away: cloud_demo, "demo.toml", "height_m = 0.0" => "height_m = 700.0", "demo.toml:13", "height_m";
+    friction_negative: cloud_demo, "demo.toml", "friction = 0.5" => "friction = -0.5", "demo.toml:14", "friction";
+    grip_longer_than_rope: cloud_demo, "demo.toml", "grip_m = 0.02" => "grip_m = 0.3", "demo.toml:18", "grips 0.3 m";
+    grip_of_nothing: cloud_demo, "demo.toml", "grip_m = 0.02" => "grip_m = 0.0", "demo.toml:18", "grips 0 m";
+    lift_with_no_clamp: cloud_demo, "demo.toml", "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n" => "", "demo.toml:2", "0 clamps";
+    same_end_twice: cloud_demo, "demo.toml", "[[clamps]]" => "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n[[clamps]]", "demo.toml:2", "2 clamps";
+    camera_quaternion: cloud_demo, "demo.toml", "[0.0, 0.0, 0.0, 1.0]" => "[0.0, 0.0, 0.0, 2.0]", "demo.toml:23", "camera 'left'";
+    camera_focal_length: cloud_demo, "demo.toml", "[385.0, 385.0]" => "[385.0, 0.0]", "demo.toml:20", "optics";
     clamp_column_missing: cloud_demo, "clamp_0.csv", "z_m," => "", "clamp_0.csv:1", "'z_m' is missing";
     clamp_column_unknown: cloud_demo, "clamp_0.csv", "z_m," => "z_mm,", "clamp_0.csv:1", "'z_mm'";
     clamp_column_twice: cloud_demo, "clamp_0.csv", "z_m," => "y_m,", "clamp_0.csv:1", "twice";
@@ -183,7 +183,7 @@ fn clamps_that_grip_the_whole_rope_are_refused() {
         let two = "[[clamps]]\nend = \"end\"\ngrip_m = 0.24\n[[clamps]]";
         replace(&dir.join("demo.toml"), "[[clamps]]", two);
     };
-    refused(&cloud_demo(), spoil, "demo.toml", "the clamps grip 0.26 m");
+    refused(&cloud_demo(), spoil, "demo.toml:16", "the clamps grip 0.26 m");
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn an_end_gripped_twice_is_refused() {
         let two = "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n[[clamps]]";
         replace(&dir.join("demo.toml"), "[[clamps]]", two);
     };
-    refused(&cloud_demo(), spoil, "demo.toml", "another clamp grips");
+    refused(&cloud_demo(), spoil, "demo.toml:20", "another clamp grips");
 }
 
 #[test]
@@ -281,7 +281,7 @@ fn a_cloud_with_more_points_than_its_header_says_is_refused() {
 #[test]
 fn an_empty_cloud_is_refused() {
     let text = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-    cloud_refused(text, "", "empty");
+    cloud_refused(text, "", "the cloud is empty (clouds.csv:3)");
 }
 
 #[test]
@@ -381,6 +381,62 @@ fn saving_replaces_a_demo_but_no_other_folder() {
         .to_string();
     assert!(error.contains("something other"), "{error}");
     assert!(other.join("chapter.txt").exists());
+}
+
+#[test]
+fn saving_never_replaces_a_file() {
+    let parent = tempfile::tempdir().expect("a temporary folder");
+    let file = parent.path().join("f.txt");
+    fs::write(&file, "precious").expect("the folder is writable");
+    let error = cloud_demo().save(&file).expect_err("it is a file").to_string();
+    assert!(
+        error.contains("f.txt: this is no folder; choose a folder"),
+        "{error}"
+    );
+    assert_eq!(fs::read_to_string(&file).expect("it is there"), "precious");
+}
+
+#[test]
+fn saving_keeps_what_a_user_added_to_a_demo() {
+    for added in [
+        "notes.txt",
+        "clouds/photo.jpg",
+        "clamp_left.csv",
+        "clouds/more.ply/notes.txt",
+    ] {
+        let (_parent, dir) = saved(&cloud_demo());
+        let file = dir.join(added);
+        fs::create_dir_all(file.parent().expect("it is in the folder")).expect("the folder is writable");
+        fs::write(&file, "words").expect("the folder is writable");
+        let error = marker_demo()
+            .save(&dir)
+            .expect_err("the file would be lost")
+            .to_string();
+        let first = added.trim_end_matches("/notes.txt");
+        assert!(
+            error.contains(&format!("{first}: this is no part")),
+            "{added}: {error}"
+        );
+        assert_eq!(fs::read_to_string(&file).expect("it is there"), "words");
+    }
+}
+
+#[test]
+fn a_demo_with_all_that_the_format_knows_is_replaced() {
+    let (_parent, dir) = saved(&cloud_demo());
+    fs::rename(dir.join("clouds/0001.ply"), dir.join("clouds/0001.PCD")).expect("the folder is writable");
+    marker_demo().save(&dir).expect("nothing else is in it");
+    cloud_demo().save(&dir).expect("nothing else is in it");
+    assert_eq!(Demo::load(&dir).expect("it was saved"), cloud_demo());
+}
+
+#[test]
+fn a_start_that_the_data_do_not_show_is_refused_at_its_line() {
+    let spoil = |dir: &Path| {
+        let file = dir.join("demo.toml");
+        replace(&file, "\"lift\"", "\"free\"\nstart = \"moving\"");
+    };
+    refused(&cloud_demo(), spoil, "demo.toml:3", "without markers");
 }
 
 fn coordinate() -> impl Strategy<Value = f64> {

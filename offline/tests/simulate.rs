@@ -80,15 +80,40 @@ fn wrong_use_says_what_to_do() {
         (&[], 2, "--young-pa"),
         (
             &["--young-pa", "1e20"],
-            1,
-            "--young-pa 100000000000000000000 is outside",
+            2,
+            "'--young-pa <YOUNG_PA>': give a number from 20000 to 200000000",
+        ),
+        (&["--young-pa", "1"], 2, "give a number from 20000"),
+        (
+            &["--young-pa", "1e6", "--poisson", "0.5"],
+            2,
+            "give a number from 0.05 to 0.45",
+        ),
+        (
+            &["--young-pa", "1e6", "--cells", "9"],
+            2,
+            "give a number from 1.5 to 8",
+        ),
+        (
+            &["--young-pa", "1e6", "--release", "nan", "0.1"],
+            2,
+            "give a finite number",
         ),
         (
             &["--young-pa", "1e6", "--release", "0.9", "0.9"],
             1,
             "the rope reaches",
         ),
-        (&["--model", "nowhere.toml"], 1, "cannot read nowhere.toml"),
+        (
+            &["--young-pa", "1e6", "--release", "9", "9"],
+            1,
+            "the release point is 12.",
+        ),
+        (
+            &["--model", "nowhere.toml"],
+            1,
+            "(os error 2); name the folder of a run",
+        ),
     ];
     for (arguments, code, words) in cases {
         let output = simulate(arguments);
@@ -96,4 +121,16 @@ fn wrong_use_says_what_to_do() {
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
         assert!(said.contains(words), "{arguments:?}: {said}");
     }
+}
+
+#[test]
+fn a_malformed_model_is_named_with_its_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.toml");
+    std::fs::write(&file, "format = \"genorm-model/1\"\nname = 3\n").unwrap();
+    let output = simulate(&["--model", file.to_str().unwrap()]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said.contains("model.toml:2: invalid type"), "{said}");
+    assert!(!said.contains('|') && said.contains("; mend the line"), "{said}");
 }

@@ -1,10 +1,11 @@
 //! `offline bench-diagnosis`: how often the diagnosis is right.
 
 use super::BenchDiagnosisArguments;
+use super::output::print;
 use super::progress::Reporter;
 use super::runs::set_threads;
 use anyhow::Context;
-use offline::bench_diagnosis::cells::Extent;
+use offline::bench_diagnosis::cells::{Cell, Extent};
 use offline::bench_diagnosis::{chosen, counted, questions, run, table};
 use offline::run_files::write_whole;
 
@@ -25,10 +26,12 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         arguments.only
     );
     if arguments.list {
-        for cell in &chosen {
-            println!("{}", cell.name());
-        }
-        return Ok(());
+        let names: Vec<String> = chosen.iter().map(Cell::name).collect();
+        return print(if json {
+            serde_json::to_string_pretty(&names)?
+        } else {
+            names.join("\n")
+        });
     }
     if arguments.count {
         chosen.retain(|cell| run::file(&arguments.out, cell).exists());
@@ -44,6 +47,5 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
     let machine = serde_json::to_string_pretty(&tallies).context("tallies can be written")?;
     write_whole(&arguments.out.join("bench-diagnosis.txt"), text.as_bytes())?;
     write_whole(&arguments.out.join("bench-diagnosis.json"), machine.as_bytes())?;
-    println!("{}", if json { &machine } else { &text });
-    Ok(())
+    print(if json { &machine } else { &text })
 }

@@ -1,5 +1,8 @@
 //! `offline demo …` and `offline inspect`.
 
+use super::WrongUse;
+use super::numbers::finite;
+use super::output::print;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use offline::demo::{Demo, StartState, plot_svg, summary, warnings};
@@ -13,15 +16,12 @@ pub fn check(folders: &[PathBuf], json: bool) -> anyhow::Result<()> {
     for folder in folders {
         let demo = Demo::load(folder)?;
         if json {
-            println!(
-                "{}",
-                serde_json::json!({
-                    "folder": folder, "scene": demo.spec.scene, "rope": demo.spec.rope,
-                    "frames": demo.times_s().len(), "warnings": warnings(&demo),
-                })
-            );
+            print(serde_json::json!({
+                "folder": folder, "scene": demo.spec.scene, "rope": demo.spec.rope,
+                "frames": demo.times_s().len(), "warnings": warnings(&demo),
+            }))?;
         } else {
-            println!("{}", summary(&demo));
+            print(summary(&demo))?;
         }
     }
     Ok(())
@@ -33,10 +33,10 @@ pub struct CutArguments {
     /// Demonstration folder.
     folder: PathBuf,
     /// First instant, s; the beginning by default.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = finite, allow_negative_numbers = true)]
     from: Option<f64>,
     /// Last instant, s; the end by default.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = finite, allow_negative_numbers = true)]
     to: Option<f64>,
     /// What the rope does at the first instant, where that is not the recording's.
     #[arg(long, value_enum, default_value = "moving")]
@@ -63,6 +63,12 @@ pub fn cut(arguments: &CutArguments, json: bool) -> anyhow::Result<()> {
     };
     let from_s = arguments.from.unwrap_or(f64::NEG_INFINITY);
     let to_s = arguments.to.unwrap_or(f64::INFINITY);
+    if from_s > to_s {
+        return Err(WrongUse(format!(
+            "--from {from_s} is after --to {to_s}: give the earlier instant first"
+        ))
+        .into());
+    }
     let part = Demo::load(&arguments.folder)?.cut(from_s, to_s, start)?;
     write(&part, &arguments.out, json)
 }
@@ -75,12 +81,15 @@ pub fn write(demo: &Demo, folder: &Path, json: bool) -> anyhow::Result<()> {
         let line = serde_json::json!({
             "folder": folder, "frames": demo.times_s().len(), "warnings": found,
         });
-        println!("{line}");
-        return Ok(());
+        return print(line);
     }
-    println!("wrote {}: {} frames", folder.display(), demo.times_s().len());
+    print(format_args!(
+        "wrote {}: {} frames",
+        folder.display(),
+        demo.times_s().len()
+    ))?;
     for warning in found {
-        println!("  warning: {warning}");
+        print(format_args!("  warning: {warning}"))?;
     }
     Ok(())
 }
@@ -91,11 +100,10 @@ pub fn show(folder: &Path, out: Option<PathBuf>, json: bool) -> anyhow::Result<(
     let out = out.unwrap_or_else(|| PathBuf::from(format!("{}.svg", demo.name)));
     write_whole(&out, plot_svg(&demo).as_bytes())?;
     if json {
-        println!("{}", serde_json::json!({ "written": out }));
+        print(serde_json::json!({ "written": out }))
     } else {
-        println!("wrote {}", out.display());
+        print(format_args!("wrote {}", out.display()))
     }
-    Ok(())
 }
 
 /// Shows a blob, or the model and blob of a run.
@@ -113,26 +121,15 @@ pub fn inspect(path: &Path, json: bool) -> anyhow::Result<()> {
         .transpose()?;
     let warning = run.as_ref().and_then(stale);
     if json {
-        println!(
-            "{}",
-            serde_json::to_string_pretty(
-                &serde_json::json!({ "model": model, "blob": blob, "warning": warning })
-            )?
-        );
-        return Ok(());
+        let all = serde_json::json!({ "model": model, "blob": blob, "warning": warning });
+        return print(serde_json::to_string_pretty(&all)?);
     }
     if let Some(model) = model {
-        println!(
-            "{}",
-            toml::to_string_pretty(&model).context("a model can be written")?
-        );
+        print(toml::to_string_pretty(&model).context("a model can be written")?)?;
     }
     match blob {
-        Some(blob) => println!("{blob}"),
-        None => println!("no policy.blob yet: run `offline run` with the same --out"),
+        Some(blob) => print(blob)?,
+        None => print("no policy.blob yet: run `offline run` with the same --out")?,
     }
-    if let Some(warning) = warning {
-        println!("warning: {warning}");
-    }
-    Ok(())
+    warning.map_or(Ok(()), |warning| print(format_args!("warning: {warning}")))
 }

@@ -1,7 +1,8 @@
 //! `offline demo import …` and `offline demo export …`.
 
-use super::above_zero;
 use super::demos::write;
+use super::numbers::{above_zero, finite};
+use super::output::print;
 use clap::{Args, Subcommand};
 use offline::demo::{Demo, DemoSpec, export_mcap, import, recording};
 use shared::arm::DEFAULT_TASK_FRAME;
@@ -69,10 +70,11 @@ pub struct McapArguments {
     #[arg(long, value_name = "FILE")]
     spec: Option<PathBuf>,
     /// Where the flange is in the arm's base frame when the rope's end is at the world's origin, m.
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values_t = DEFAULT_TASK_FRAME.origin_m)]
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], value_parser = finite,
+        allow_negative_numbers = true, default_values_t = DEFAULT_TASK_FRAME.origin_m)]
     task_origin_m: Vec<f64>,
     /// Turn of the world about the arm's vertical axis, rad.
-    #[arg(long, default_value_t = DEFAULT_TASK_FRAME.yaw_rad)]
+    #[arg(long, value_parser = finite, allow_negative_numbers = true, default_value_t = DEFAULT_TASK_FRAME.yaw_rad)]
     task_yaw_rad: f64,
     /// Demonstration folder to write.
     #[arg(long, value_name = "DIR")]
@@ -97,11 +99,10 @@ pub fn export(target: ExportCommand, json: bool) -> anyhow::Result<()> {
     let ExportCommand::Mcap { folder, file } = target;
     export_mcap(&Demo::load(&folder)?, &file)?;
     if json {
-        println!("{}", serde_json::json!({ "written": file }));
+        print(serde_json::json!({ "written": file }))
     } else {
-        println!("wrote {}", file.display());
+        print(format_args!("wrote {}", file.display()))
     }
-    Ok(())
 }
 
 /// What to read and where to write.

@@ -3,6 +3,8 @@
 mod bench_diagnosis;
 mod demos;
 mod import;
+mod numbers;
+mod output;
 mod progress;
 mod reproduce;
 mod runs;
@@ -10,17 +12,16 @@ mod simulate;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
+use numbers::{count, threads};
 use offline::pipeline::{Preset, Stage};
+use output::note;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// A number above zero.
-fn above_zero(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
-        _ => Err("give a number above 0".into()),
-    }
-}
+/// Wrong use that clap has no words for, such as an end before its beginning: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct WrongUse(String);
 
 /// From one measured demonstration of a rope to a frozen policy.
 #[derive(Parser)]
@@ -124,7 +125,7 @@ struct RunArguments {
     #[arg(long, num_args = 1.., value_name = "DIR")]
     demo: Vec<PathBuf>,
     /// Demonstrations of the same rope that only judge.
-    #[arg(long, num_args = 1.., value_name = "DIR")]
+    #[arg(long, num_args = 1.., value_name = "DIR", requires = "demo")]
     held_out: Vec<PathBuf>,
     /// How much to do.
     #[arg(long, value_enum, default_value = "quick")]
@@ -139,7 +140,7 @@ struct RunArguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Threads; all cores by default.
-    #[arg(long)]
+    #[arg(long, value_parser = threads())]
     threads: Option<usize>,
 }
 
@@ -150,7 +151,7 @@ struct VerifyArguments {
     #[arg(long)]
     quick: bool,
     /// Run this number of random scenes as well.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = count(0..=1_000_000))]
     random: usize,
     /// Seed of the random scenes.
     #[arg(long, default_value_t = 1)]
@@ -167,10 +168,11 @@ struct BenchDiagnosisArguments {
     #[arg(long)]
     quick: bool,
     /// Seeds per cell.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
     /// First seed. Quoted figures come from seeds 1 and up; 1001 and up are for work on the diagnosis.
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    #[arg(long, value_name = "SEED", default_value_t = 1,
+        value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     first_seed: u64,
     /// Only cells whose name contains one of these.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
@@ -185,15 +187,18 @@ struct BenchDiagnosisArguments {
     #[arg(long, value_name = "DIR", default_value = "runs/bench-diagnosis")]
     out: PathBuf,
     /// Threads; all cores by default. With one, the time of a cell is that of one core.
-    #[arg(long)]
+    #[arg(long, value_parser = threads())]
     threads: Option<usize>,
 }
+
+/// Exit code of wrong use, as clap has it.
+const WRONG_USE: u8 = 2;
 
 /// Exit code after Ctrl-C, as shells count it.
 const STOPPED: u8 = 130;
 
-/// Runs a command and turns its result into an exit code: 0 done, 1 failed, 130 stopped; clap itself
-/// answers wrong use with 2.
+/// Runs a command and turns its result into an exit code: 0 done, 1 failed, 2 wrong use, which mostly
+/// clap itself answers, 130 stopped.
 pub fn run(arguments: Arguments) -> ExitCode {
     let json = arguments.json;
     let result = match arguments.command {
@@ -218,12 +223,19 @@ pub fn run(arguments: Arguments) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_stop(&error) => {
-            eprintln!("offline: {error}");
+            note(format_args!("offline: {error}"));
             ExitCode::from(STOPPED)
+        }
+        Err(error) if error.is::<WrongUse>() => {
+            note(format_args!("offline: {error}"));
+            ExitCode::from(WRONG_USE)
         }
         Err(error) => {
             // One line: what went wrong, and the causes behind it.
-            eprintln!("offline: {}", format!("{error:#}").replace('\n', " "));
+            note(format_args!(
+                "offline: {}",
+                format!("{error:#}").replace('\n', " ")
+            ));
             ExitCode::FAILURE
         }
     }

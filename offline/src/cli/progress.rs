@@ -1,5 +1,6 @@
 //! Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere.
 
+use super::output::note;
 use indicatif::{ProgressBar, ProgressStyle};
 use offline::collect::Progress;
 use std::io::IsTerminal;
@@ -49,7 +50,7 @@ impl Reporter {
         if let Some(bar) = state.bar.take() {
             bar.finish_and_clear();
         }
-        eprintln!("[{:6.1} s] {line}", self.elapsed_s());
+        note(format_args!("[{:6.1} s] {line}", self.elapsed_s()));
     }
 
     /// Work of which the total is known.
@@ -69,12 +70,12 @@ impl Reporter {
                 bar.set_message(progress.stage);
                 state.bar = Some(bar);
             } else {
-                eprintln!(
+                note(format_args!(
                     "[{:6.1} s] {}: {} to do",
                     self.elapsed_s(),
                     progress.stage,
                     progress.total
-                );
+                ));
             }
         }
         match &state.bar {
@@ -96,10 +97,10 @@ impl Reporter {
         state.last_line_s = now;
         let spent = state.stage_start.elapsed().as_secs_f64();
         let left = spent / progress.done.max(1) as f64 * (progress.total - progress.done) as f64;
-        eprintln!(
+        note(format_args!(
             "[{now:6.1} s] {}: {} of {}, about {left:.0} s left",
             progress.stage, progress.done, progress.total
-        );
+        ));
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, State> {

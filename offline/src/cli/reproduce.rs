@@ -1,7 +1,10 @@
 //! `offline reproduce …`: the paper's tables.
 
+use super::numbers::{above_zero, count, threads, within};
+use super::output::print;
 use super::progress::Reporter;
-use super::{above_zero, runs};
+use super::runs;
+use super::simulate::CELLS;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
 use offline::demo::Demo;
@@ -30,10 +33,10 @@ pub enum Reproduce {
         #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
         truths: u64,
         /// Simulated demonstrations that PointNet++ learns from; 0 leaves it out.
-        #[arg(long)]
+        #[arg(long, value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
         pointnet_demonstrations: Option<u64>,
         /// Passes that PointNet++ makes over them.
-        #[arg(long)]
+        #[arg(long, value_parser = count(1..=100_000))]
         pointnet_epochs: Option<usize>,
         /// Only these estimators: all five take hours, ours takes a minute. Leaves PointNet++ out.
         #[arg(long, num_args = 1.., value_name = "ESTIMATOR",
@@ -76,7 +79,7 @@ pub struct Intervals {
     #[arg(long, value_name = "DIR", default_value = "runs/coverage")]
     out: PathBuf,
     /// Threads; all cores by default.
-    #[arg(long)]
+    #[arg(long, value_parser = threads())]
     threads: Option<usize>,
 }
 
@@ -93,13 +96,13 @@ pub struct Common {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Steps of Adam; the preset's by default.
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=100_000))]
     iterations: Option<usize>,
     /// Cells across the rope; the preset's by default.
-    #[arg(long)]
+    #[arg(long, value_parser = within(CELLS))]
     cells: Option<f64>,
     /// Threads; all cores by default.
-    #[arg(long)]
+    #[arg(long, value_parser = threads())]
     threads: Option<usize>,
 }
 
@@ -172,8 +175,7 @@ fn test_intervals(intervals: &Intervals, reporter: &Reporter, json: bool) -> any
     write_whole(&intervals.out.join("coverage.json"), machine.as_bytes())?;
     let text = found.markdown();
     write_whole(&intervals.out.join("coverage.md"), text.as_bytes())?;
-    println!("{}", if json { &machine } else { &text });
-    Ok(())
+    print(if json { &machine } else { &text })
 }
 
 /// The estimators with these names; all where none is named.
@@ -218,6 +220,5 @@ fn finish(tables: &[Table], out: &Path, json: bool) -> anyhow::Result<()> {
     write_whole(&out.join("table.md"), text.as_bytes())?;
     let machine = serde_json::to_string_pretty(tables)?;
     write_whole(&out.join("table.json"), machine.as_bytes())?;
-    println!("{}", if json { &machine } else { &text });
-    Ok(())
+    print(if json { &machine } else { &text })
 }

@@ -1,6 +1,7 @@
 //! `offline run` and the commands that stop earlier.
 
 use super::RunArguments;
+use super::output::{note, print};
 use super::progress::Reporter;
 use anyhow::Context;
 use offline::collect::{DatasetSummary, Watch};
@@ -235,7 +236,7 @@ fn catch_interrupt() -> anyhow::Result<()> {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        eprintln!("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
+        note("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
     })
     .context("cannot catch Ctrl-C")
 }
@@ -243,10 +244,6 @@ fn catch_interrupt() -> anyhow::Result<()> {
 /// Demonstrations to fit, demonstrations to judge by, and the rope's name.
 fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf>, String)> {
     if arguments.demo.is_empty() {
-        anyhow::ensure!(
-            arguments.held_out.is_empty(),
-            "--held-out without --demo: name the demonstration to fit as well"
-        );
         let [fit, judges @ ..] = shipped()?;
         let name = arguments.name.clone().unwrap_or_else(|| "sample-rope".into());
         return Ok((vec![fit], judges.to_vec(), name));
@@ -413,15 +410,15 @@ fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> any
     });
     write_whole(&job.run.record(), &serde_json::to_vec_pretty(&record)?)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(summary)?);
+        print(serde_json::to_string_pretty(summary)?)?;
     } else {
-        println!(
+        print(format_args!(
             "done in {:.0} s; everything is in {}",
             summary.wall_s, summary.folder
-        );
+        ))?;
         for (what, path) in [("report", &summary.report), ("policy", &summary.blob)] {
             if let Some(path) = path {
-                println!("  {what}: {path}");
+                print(format_args!("  {what}: {path}"))?;
             }
         }
     }

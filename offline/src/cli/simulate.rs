@@ -1,6 +1,7 @@
 //! `offline simulate`: what a rope does, moved as in a demonstration or let go in a swing.
 
-use super::above_zero;
+use super::numbers::{finite, within};
+use super::output::print;
 use super::runs::shipped;
 use anyhow::Context;
 use clap::Args;
@@ -18,6 +19,10 @@ use offline::swing::SimulatedSwing;
 use shared::task::SwingTask;
 use std::path::{Path, PathBuf};
 
+/// Cells across the rope: fewer bend too easily, and the work grows with their fourth power, at the end of the range
+/// to 800 times that of its beginning.
+pub const CELLS: [f64; 2] = [MIN_CELLS_PER_DIAMETER, 8.0];
+
 /// Which rope does what.
 #[derive(Args)]
 pub struct SimulateArguments {
@@ -25,10 +30,10 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "RUN|FILE")]
     model: Option<PathBuf>,
     /// Young's modulus, Pa.
-    #[arg(long, value_parser = above_zero, required_unless_present = "model")]
+    #[arg(long, value_parser = within(YOUNG_RANGE_PA), required_unless_present = "model")]
     young_pa: Option<f64>,
     /// Poisson's ratio; 0.3 without a model.
-    #[arg(long, value_parser = above_zero)]
+    #[arg(long, value_parser = within(POISSON_RANGE))]
     poisson: Option<f64>,
     /// An effect and its parameters in SI units, as `offline inspect` names them: tip_mass=0.009.
     #[arg(long, value_name = "ID=VALUE[,VALUE]", num_args = 1.., value_parser = effect)]
@@ -37,10 +42,10 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "DIR")]
     demo: Option<PathBuf>,
     /// Swing instead: release the rope's end at this point of the task's plane, m, and say how far it reaches.
-    #[arg(long, num_args = 2, value_names = ["X", "Z"], allow_negative_numbers = true)]
+    #[arg(long, num_args = 2, value_names = ["X", "Z"], value_parser = finite, allow_negative_numbers = true)]
     release: Option<Vec<f64>>,
     /// Cells across the rope: a finer grid is slower.
-    #[arg(long, default_value_t = MIN_CELLS_PER_DIAMETER, value_parser = above_zero)]
+    #[arg(long, default_value_t = MIN_CELLS_PER_DIAMETER, value_parser = within(CELLS))]
     cells: f64,
     /// Demonstration folder to write, with the simulated rope's points as markers.
     #[arg(long, value_name = "DIR", conflicts_with = "release")]
@@ -111,8 +116,9 @@ impl Rope {
             .or(of_model(0))
             .context("clap asks for one of them")?;
         let poisson = arguments.poisson.or(of_model(1)).unwrap_or(POISSON_PRIOR[0]);
-        within("--young-pa", young_pa, YOUNG_RANGE_PA)?;
-        within("--poisson", poisson, POISSON_RANGE)?;
+        // clap has seen to what was given; a model is a file that anyone may have edited.
+        admitted("Young's modulus, Pa,", young_pa, YOUNG_RANGE_PA)?;
+        admitted("Poisson's ratio", poisson, POISSON_RANGE)?;
         let mut theta = vec![young_pa.ln(), poisson];
         theta.extend(values);
         Ok(Self {
@@ -123,10 +129,10 @@ impl Rope {
     }
 }
 
-fn within(name: &str, value: f64, [low, high]: [f64; 2]) -> anyhow::Result<()> {
+fn admitted(name: &str, value: f64, [low, high]: [f64; 2]) -> anyhow::Result<()> {
     anyhow::ensure!(
         (low..=high).contains(&value),
-        "{name} {value} is outside what the program admits, {low} to {high}"
+        "the model's {name} is {value}, outside {low} to {high}: fit the rope again, or give the value beside it"
     );
     Ok(())
 }
@@ -178,8 +184,7 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     if let Some(out) = &arguments.out {
         played.demo.save(out)?;
     }
-    say(&demo, &played, arguments.out.as_deref(), json);
-    Ok(())
+    say(&demo, &played, arguments.out.as_deref(), json)
 }
 
 fn swing(rope: &Rope, shape: RopeShape, release_m: [f64; 2], cells: f64, json: bool) -> anyhow::Result<()> {
@@ -195,40 +200,38 @@ fn swing(rope: &Rope, shape: RopeShape, release_m: [f64; 2], cells: f64, json: b
         .reach_m(rope.theta[0].exp(), rope.theta[1], release_m)
         .map_err(|refusal| anyhow::anyhow!("released at ({x}, {z}) m: {refusal}"))?;
     if json {
-        println!(
-            "{}",
-            serde_json::json!({ "release_m": release_m, "reach_m": reach_m })
-        );
+        print(serde_json::json!({ "release_m": release_m, "reach_m": reach_m }))
     } else {
-        println!("released at ({x}, {z}) m the tip reaches x = {reach_m:.4} m");
+        print(format_args!(
+            "released at ({x}, {z}) m the tip reaches x = {reach_m:.4} m"
+        ))
     }
-    Ok(())
 }
 
-fn say(demo: &Demo, played: &Played, out: Option<&Path>, json: bool) {
+fn say(demo: &Demo, played: &Played, out: Option<&Path>, json: bool) -> anyhow::Result<()> {
     if json {
         let line = serde_json::json!({
             "demo": demo.name, "frames": demo.times_s().len(), "steps": played.steps, "dt_s": played.dt_s,
             "residual": played.residual, "written": out,
         });
-        println!("{line}");
-        return;
+        return print(line);
     }
-    println!(
+    print(format_args!(
         "{}: {} frames, {} steps of {:.1} us",
         demo.name,
         demo.times_s().len(),
         played.steps,
         1e6 * played.dt_s
-    );
+    ))?;
     match &played.residual {
-        Some(r) => println!(
+        Some(r) => print(format_args!(
             "the measured rope lies {:.2} mm (rms) from it, {:.1} times the declared noise; {} offsets",
             r.rms_mm, r.floors, r.rows
-        ),
-        None => println!("too little of the rope was measured to compare"),
+        ))?,
+        None => print("too little of the rope was measured to compare")?,
     }
-    if let Some(out) = out {
-        println!("wrote {}", out.display());
+    match out {
+        Some(out) => print(format_args!("wrote {}", out.display())),
+        None => Ok(()),
     }
 }

@@ -1,6 +1,7 @@
 //! `offline verify`: the simulator against what is known exactly.
 
 use super::VerifyArguments;
+use super::output::print;
 use anyhow::Context;
 use offline::plot::svg;
 use offline::run_files::write_whole;
@@ -29,9 +30,9 @@ pub fn run(arguments: &VerifyArguments, json: bool) -> anyhow::Result<()> {
         }
     }
     if json {
-        println!("{text}");
+        print(&text)?;
     } else {
-        print!("{}", table(&report));
+        print(table(&report).trim_end())?;
     }
     let failures = report.failures();
     anyhow::ensure!(

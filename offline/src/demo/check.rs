@@ -4,26 +4,47 @@ use super::table::line_of_row;
 use super::{
     ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, SceneKind, StartState,
 };
+use crate::toml_lines::line_of;
 use std::path::Path;
 
 /// Farthest coordinate from the origin that a table-top experiment can have, m.
 pub(super) const FARTHEST_M: f64 = 20.0;
 /// How far the norm of a direction or a quaternion may be from 1.
 const NORM_TOLERANCE: f64 = 1e-3;
+/// What to do about a direction or a quaternion whose norm is another.
+const NORMALISE: &str = "divide it by its norm";
 /// Densities from foam (15 kg/m³) to steel wire (8000 kg/m³), with a margin, kg/m³.
 const DENSITIES: std::ops::RangeInclusive<f64> = 5.0..=20_000.0;
 /// Most that a rope can be rolled about its axis, rad.
 const FULL_TURN_RAD: f64 = std::f64::consts::TAU;
 
-/// Checks everything but the clouds' points, as if it stood in the folder `dir`.
-pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
-    spec(&dir.join("demo.toml"), &demo.spec)?;
-    let declared = demo.spec.clamps.len();
-    if demo.clamps.len() != declared || demo.commanded.len() != declared {
-        let problem = format!(
-            "{declared} clamps are declared, {} have a path",
-            demo.clamps.len()
-        );
+/// The file `demo.toml`, as far as errors name it.
+pub(super) struct Declared<'a> {
+    /// The file.
+    pub(super) file: &'a Path,
+    /// What is in it; empty where it is still to be written.
+    pub(super) text: &'a str,
+}
+
+impl Declared<'_> {
+    /// An error at the line of a declared value, such as `rope.length_m`.
+    fn error(&self, key: &str, problem: impl Into<String>, remedy: &str) -> DemoError {
+        let error = DemoError::new(self.file, problem, remedy);
+        match line_of(self.text, key) {
+            Some(line) => error.at(line),
+            None => error,
+        }
+    }
+}
+
+/// Checks everything but the clouds' points, as if it stood in the folder `dir` with `text` as its `demo.toml`.
+pub(super) fn demo(dir: &Path, demo: &Demo, text: &str) -> Result<(), DemoError> {
+    let file = dir.join("demo.toml");
+    let declared = Declared { file: &file, text };
+    spec(&declared, &demo.spec)?;
+    let clamps = demo.spec.clamps.len();
+    if demo.clamps.len() != clamps || demo.commanded.len() != clamps {
+        let problem = format!("{clamps} clamps are declared, {} have a path", demo.clamps.len());
         return Err(DemoError::new(dir, problem, "give one path for each clamp"));
     }
     for (index, path) in demo.clamps.iter().enumerate() {
@@ -34,7 +55,7 @@ pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
             clamp_path(&dir.join(format!("clamp_{index}_commanded.csv")), path)?;
         }
     }
-    start(&dir.join("demo.toml"), demo)?;
+    start(&declared, demo)?;
     if demo.spec.scene == SceneKind::Static {
         one_sample_per_frame(dir, demo)?;
     }
@@ -48,27 +69,35 @@ pub(super) fn demo(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
 }
 
 /// Checks that the start can be made from what was measured.
-fn start(file: &Path, demo: &Demo) -> Result<(), DemoError> {
+fn start(declared: &Declared, demo: &Demo) -> Result<(), DemoError> {
     let spec = &demo.spec;
-    let fail = |problem: &str, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    let fail = |key: &str, problem: &str, remedy: &str| Err(declared.error(key, problem, remedy));
     let hangs = spec.start != StartState::Straight || spec.scene == SceneKind::Static;
     if hangs && spec.clamps.is_empty() {
-        return fail("nothing holds the rope", "declare the clamp in [[clamps]]");
+        let key = if spec.scene == SceneKind::Static {
+            "scene"
+        } else {
+            "start"
+        };
+        return fail(key, "nothing holds the rope", "declare the clamp in [[clamps]]");
     }
     if spec.start == StartState::Moving && !matches!(demo.observations, Observations::Markers(_)) {
         return fail(
+            "start",
             "start = \"moving\" without markers",
             "start at rest, or label points along the rope",
         );
     }
     if spec.start == StartState::Moving && demo.times_s()[0].abs() > 1e-6 {
         return fail(
+            "start",
             "start = \"moving\", but the first frame is not at t_s = 0",
             "shift all times so that the first frame is at 0",
         );
     }
     if spec.scene == SceneKind::Static && spec.start == StartState::Moving {
         return fail(
+            "start",
             "a static scene that starts moving",
             "leave start out: every pose of it is at rest",
         );
@@ -98,17 +127,19 @@ fn one_sample_per_frame(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
     Ok(())
 }
 
-/// Checks the declared values; `file` is named in errors.
-pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
-    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+/// Checks the declared values.
+pub(super) fn spec(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
     if spec.format != FORMAT {
         return fail(
+            "format",
             format!("format is '{}'", spec.format),
             &format!("this program reads '{FORMAT}'; import other formats first"),
         );
     }
     if !(spec.noise_m > 0.0 && spec.noise_m <= 0.1) {
         return fail(
+            "noise_m",
             format!(
                 "noise_m = {} is no standard deviation of a measured point",
                 spec.noise_m
@@ -116,17 +147,18 @@ pub(super) fn spec(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
             "give it in metres, above 0 and at most 0.1 (a depth camera has about 0.001)",
         );
     }
-    rope(file, spec)?;
-    table(file, spec)?;
-    clamps(file, spec)?;
-    cameras(file, spec)
+    rope(declared, spec)?;
+    table(declared, spec)?;
+    clamps(declared, spec)?;
+    cameras(declared, spec)
 }
 
-fn table(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
-    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+fn table(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
     let Some(table) = &spec.table else {
         if matches!(spec.scene, SceneKind::Lift) {
             return fail(
+                "scene",
                 "there is no [table], but a lift starts on one".into(),
                 "add [table] with height_m",
             );
@@ -135,12 +167,14 @@ fn table(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     };
     if table.height_m.is_nan() || table.height_m.abs() > FARTHEST_M {
         return fail(
+            "table.height_m",
             format!("table.height_m = {} is no height of a table", table.height_m),
             "give it in metres",
         );
     }
     if !(0.0..=5.0).contains(&table.friction) {
         return fail(
+            "table.friction",
             format!("table.friction = {} is no friction coefficient", table.friction),
             "give a value from 0 to 5",
         );
@@ -148,17 +182,19 @@ fn table(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     Ok(())
 }
 
-fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
+fn rope(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
     let rope = &spec.rope;
-    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
     if !(0.01..=10.0).contains(&rope.length_m) {
         return fail(
+            "rope.length_m",
             format!("rope.length_m = {} is no length of a rope", rope.length_m),
             "give it in metres, from 0.01 to 10",
         );
     }
     if !(2e-4..=0.2).contains(&rope.diameter_m) || rope.diameter_m > 0.5 * rope.length_m {
         return fail(
+            "rope.diameter_m",
             format!("rope.diameter_m = {} is no diameter of a rope", rope.diameter_m),
             "give it in metres, from 0.0002 to 0.2 and at most half the length",
         );
@@ -167,6 +203,7 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     let density = rope.mass_kg / volume;
     if !DENSITIES.contains(&density) {
         return fail(
+            "rope.mass_kg",
             format!(
                 "rope.mass_kg = {} makes a density of {density:.3e} kg/m³",
                 rope.mass_kg
@@ -176,6 +213,7 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if !(0.0..=10.0).contains(&rope.end_mass_kg) {
         return fail(
+            "rope.end_mass_kg",
             format!(
                 "rope.end_mass_kg = {} is no mass at a rope's end",
                 rope.end_mass_kg
@@ -186,6 +224,7 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     // NaN is in no range.
     if !(-FULL_TURN_RAD..=FULL_TURN_RAD).contains(&rope.roll_rad) {
         return fail(
+            "rope.roll_rad",
             format!(
                 "rope.roll_rad = {} is no angle by which a rope is rolled",
                 rope.roll_rad
@@ -193,11 +232,11 @@ fn rope(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
             "give it in radians, at most one turn",
         );
     }
-    unit(file, "rope.direction", &rope.direction)
+    unit(declared, "rope.direction", "rope.direction", &rope.direction)
 }
 
-fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
-    let fail = |problem: String, remedy: &str| Err(DemoError::new(file, problem, remedy));
+fn clamps(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
+    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
     let needed = match spec.scene {
         SceneKind::Lift => Some(1),
         SceneKind::Swing => Some(2),
@@ -205,6 +244,7 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     };
     if let Some(needed) = needed.filter(|needed| *needed != spec.clamps.len()) {
         return fail(
+            "scene",
             format!("{} clamps, but this scene has {needed}", spec.clamps.len()),
             "add or remove [[clamps]], or write scene = \"free\"",
         );
@@ -213,6 +253,7 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     for (index, clamp) in spec.clamps.iter().enumerate() {
         if !(clamp.grip_m > 0.0 && clamp.grip_m < spec.rope.length_m) {
             return fail(
+                &format!("clamps.{index}.grip_m"),
                 format!(
                     "clamp {index} grips {} m of a rope of {} m",
                     clamp.grip_m, spec.rope.length_m
@@ -221,11 +262,18 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
             );
         }
         if let Some(direction) = &clamp.direction {
-            unit(file, &format!("the direction of clamp {index}"), direction)?;
+            let key = format!("clamps.{index}.direction");
+            unit(
+                declared,
+                &key,
+                &format!("the direction of clamp {index}"),
+                direction,
+            )?;
         }
         gripped += clamp.grip_m;
         if spec.clamps[..index].iter().any(|other| other.end == clamp.end) {
             return fail(
+                &format!("clamps.{index}.end"),
                 format!("clamp {index} grips an end that another clamp grips"),
                 "give each clamp its own end",
             );
@@ -233,6 +281,7 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     }
     if gripped >= spec.rope.length_m {
         return fail(
+            "clamps",
             format!(
                 "the clamps grip {gripped} m of a rope of {} m",
                 spec.rope.length_m
@@ -243,11 +292,12 @@ fn clamps(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     Ok(())
 }
 
-fn cameras(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
-    for camera in &spec.cameras {
+fn cameras(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
+    for (index, camera) in spec.cameras.iter().enumerate() {
         let name = &camera.name;
         unit(
-            file,
+            declared,
+            &format!("cameras.{index}.quaternion_xyzw"),
             &format!("quaternion of camera '{name}'"),
             &camera.quaternion_xyzw,
         )?;
@@ -257,8 +307,8 @@ fn cameras(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
             && camera.width_px > 0
             && camera.height_px > 0;
         if !near || !optics {
-            return Err(DemoError::new(
-                file,
+            return Err(declared.error(
+                &format!("cameras.{index}"),
                 format!("camera '{name}' has an impossible pose or optics"),
                 "give metres and pixels; focal lengths and sizes are above 0",
             ));
@@ -267,14 +317,18 @@ fn cameras(file: &Path, spec: &DemoSpec) -> Result<(), DemoError> {
     Ok(())
 }
 
-fn unit(file: &Path, what: &str, vector: &[f64]) -> Result<(), DemoError> {
+/// Checks the norm of a declared direction or quaternion.
+fn unit(declared: &Declared, key: &str, what: &str, vector: &[f64]) -> Result<(), DemoError> {
+    let problem = not_unit(what, vector);
+    problem.map_or(Ok(()), |problem| Err(declared.error(key, problem, NORMALISE)))
+}
+
+/// What is wrong with a vector whose norm has to be 1, where it is not.
+fn not_unit(what: &str, vector: &[f64]) -> Option<String> {
     let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
     // Written so that NaN fails.
-    if (norm - 1.0).abs() <= NORM_TOLERANCE {
-        return Ok(());
-    }
-    let problem = format!("{what} has norm {norm:.4}");
-    Err(DemoError::new(file, problem, "divide it by its norm"))
+    let holds = (norm - 1.0).abs() <= NORM_TOLERANCE;
+    (!holds).then(|| format!("{what} has norm {norm:.4}"))
 }
 
 fn clamp_path(file: &Path, path: &[ClampSample]) -> Result<(), DemoError> {
@@ -289,8 +343,9 @@ fn clamp_path(file: &Path, path: &[ClampSample]) -> Result<(), DemoError> {
     rising(file, &times)?;
     for (row, sample) in path.iter().enumerate() {
         position(file, row, &sample.position_m)?;
-        unit(file, "the quaternion qx,qy,qz,qw", &sample.quaternion_xyzw)
-            .map_err(|e| e.at(line_of_row(row)))?;
+        if let Some(problem) = not_unit("the quaternion qx,qy,qz,qw", &sample.quaternion_xyzw) {
+            return Err(DemoError::new(file, problem, NORMALISE).at(line_of_row(row)));
+        }
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! What is wrong with a demonstration, where, and what to do: always one line of text.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A demonstration that cannot be used.
@@ -33,13 +34,23 @@ impl DemoError {
         self
     }
 
-    /// A failure of the file system.
+    /// A failure to read.
     pub(super) fn io(file: &Path, doing: &str, error: &std::io::Error) -> Self {
         let remedy = match error.kind() {
-            std::io::ErrorKind::NotFound => "give the path of an existing demo folder, or add the file",
-            std::io::ErrorKind::PermissionDenied => "check the permissions",
-            std::io::ErrorKind::InvalidData => "save the file as UTF-8 text",
+            ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, or add the file",
+            ErrorKind::PermissionDenied => "check the permissions",
+            ErrorKind::InvalidData => "save the file as UTF-8 text",
             _ => "check the disk and the path",
+        };
+        Self::new(file, format!("{doing} failed ({error})"), remedy)
+    }
+
+    /// A failure to write.
+    pub(super) fn unwritten(file: &Path, doing: &str, error: &std::io::Error) -> Self {
+        let remedy = match error.kind() {
+            ErrorKind::PermissionDenied => "check the permissions, or choose another folder",
+            ErrorKind::StorageFull => "free some space",
+            _ => "choose a folder that can be written to",
         };
         Self::new(file, format!("{doing} failed ({error})"), remedy)
     }

@@ -173,5 +173,5 @@ pub(super) fn write(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
     Writer::new()
         .write_ply(&mut bytes, &mut ply)
         .map_err(|e| DemoError::new(file, format!("writing failed ({e})"), "check the cloud"))?;
-    std::fs::write(file, bytes).map_err(|e| DemoError::io(file, "writing", &e))
+    std::fs::write(file, bytes).map_err(|e| DemoError::unwritten(file, "writing", &e))
 }

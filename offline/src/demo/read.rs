@@ -1,8 +1,11 @@
 //! Reads a demonstration from its folder; what comes back is checked.
 
-use super::table::Table;
+use super::check::Declared;
+use super::table::{Table, line_of_row};
 use super::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, MarkerSample, Observations};
 use super::{check, points};
+use crate::toml_lines::line_at;
+use std::io::ErrorKind;
 use std::path::{Component, Path};
 
 const POSE: [&str; 4] = ["qx", "qy", "qz", "qw"];
@@ -11,7 +14,9 @@ impl Demo {
     /// Reads and checks the demonstration in the folder `dir`.
     pub fn load(dir: impl AsRef<Path>) -> Result<Self, DemoError> {
         let dir = dir.as_ref();
-        let spec = read_spec(&dir.join("demo.toml"))?;
+        let file = dir.join("demo.toml");
+        let text = std::fs::read_to_string(&file).map_err(|e| not_a_demo(&file, &e))?;
+        let spec = spec_of(&file, &text)?;
         let mut clamps = Vec::new();
         let mut commanded = Vec::new();
         for index in 0..spec.clamps.len() {
@@ -32,7 +37,7 @@ impl Demo {
             commanded,
             observations,
         };
-        check::demo(dir, &demo)?;
+        check::demo(dir, &demo, &text)?;
         Ok(demo)
     }
 }
@@ -43,7 +48,8 @@ impl DemoSpec {
     /// # Errors
     /// The file is missing or malformed.
     pub fn load(file: &Path) -> Result<Self, DemoError> {
-        read_spec(file)
+        let text = std::fs::read_to_string(file).map_err(|e| DemoError::io(file, "reading", &e))?;
+        spec_of(file, &text)
     }
 }
 
@@ -54,16 +60,27 @@ pub(super) fn name_of(dir: &Path) -> String {
     named.map_or_else(|| "demo".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-fn read_spec(file: &Path) -> Result<DemoSpec, DemoError> {
-    let text = std::fs::read_to_string(file).map_err(|e| DemoError::io(file, "reading", &e))?;
-    let spec: DemoSpec = toml::from_str(&text).map_err(|e| {
+/// Without a readable `demo.toml`, what was named is most likely another folder than the one that was meant.
+fn not_a_demo(file: &Path, error: &std::io::Error) -> DemoError {
+    match error.kind() {
+        ErrorKind::NotFound | ErrorKind::NotADirectory => DemoError::new(
+            file,
+            "there is no such file",
+            "give the path of an existing demo folder, or add the file",
+        ),
+        _ => DemoError::io(file, "reading", error),
+    }
+}
+
+fn spec_of(file: &Path, text: &str) -> Result<DemoSpec, DemoError> {
+    let spec: DemoSpec = toml::from_str(text).map_err(|e| {
         let error = DemoError::new(file, e.message(), "write it as the format's description says");
         match e.span() {
-            Some(span) => error.at(1 + text[..span.start.min(text.len())].matches('\n').count()),
+            Some(span) => error.at(line_at(text, span.start)),
             None => error,
         }
     })?;
-    check::spec(file, &spec)?;
+    check::spec(&Declared { file, text }, &spec)?;
     Ok(spec)
 }
 
@@ -101,14 +118,10 @@ fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError
     for entry in entries {
         let entry = entry.map_err(|e| DemoError::io(dir, "listing", &e))?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        let Some(rest) = name
-            .strip_prefix("clamp_")
-            .and_then(|rest| rest.strip_suffix(".csv"))
-        else {
+        let Some(index) = clamp_of(&name) else {
             continue;
         };
-        let index = rest.strip_suffix("_commanded").unwrap_or(rest).parse::<usize>();
-        if !index.is_ok_and(|index| index < declared) {
+        if !index.parse::<usize>().is_ok_and(|index| index < declared) {
             return Err(DemoError::new(
                 &entry.path(),
                 format!("demo.toml declares {declared} clamps, none with this file's index"),
@@ -117,6 +130,12 @@ fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError
         }
     }
     Ok(())
+}
+
+/// The index in the name of a clamp's file: 0 of `clamp_0.csv` and of `clamp_0_commanded.csv`.
+pub(super) fn clamp_of(name: &str) -> Option<&str> {
+    let index = name.strip_prefix("clamp_")?.strip_suffix(".csv")?;
+    Some(index.strip_suffix("_commanded").unwrap_or(index))
 }
 
 /// What was seen, from the one of `clouds.csv` and `markers.csv` that is in the folder.
@@ -155,9 +174,14 @@ fn read_clouds(dir: &Path, file: &Path) -> Result<Vec<CloudFrame>, DemoError> {
             let problem = format!("the file '{}' is not there", name.display());
             return Err(table.error(row, problem, "add the file or delete the row"));
         }
+        // Who leaves out a frame that cannot be used needs its row.
+        let in_row = |e: DemoError| DemoError {
+            problem: format!("{} (clouds.csv:{})", e.problem, line_of_row(row)),
+            ..e
+        };
         frames.push(CloudFrame {
             t_s,
-            points_m: points::read(&path)?,
+            points_m: points::read(&path).map_err(in_row)?,
         });
     }
     Ok(frames)

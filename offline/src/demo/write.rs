@@ -1,37 +1,39 @@
 //! Writes a demonstration as a folder: whole or not at all.
 
-use super::read::name_of;
+use super::read::{clamp_of, name_of};
 use super::{ClampSample, CloudFrame, Demo, DemoError, MarkerSample, Observations};
 use super::{check, points};
 use std::fmt::Write as _;
+use std::io::ErrorKind;
 use std::path::Path;
 
 impl Demo {
-    /// Writes the demonstration as the folder `dir`, replacing a demonstration that is there.
+    /// Writes the demonstration as the folder `dir`, replacing a demonstration that is there and refusing
+    /// to replace anything else.
     ///
     /// The clouds' points are rounded to single precision. The files are written beside `dir` and
     /// moved there at the end, so a reader never meets half of a demonstration.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DemoError> {
         let dir = dir.as_ref();
-        check::demo(dir, self)?;
-        refuse_other_folders(dir)?;
+        check::demo(dir, self, "")?;
+        refuse_other_content(dir)?;
         let parent = match dir.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        std::fs::create_dir_all(parent).map_err(|e| DemoError::io(parent, "creating", &e))?;
+        std::fs::create_dir_all(parent).map_err(|e| DemoError::unwritten(parent, "creating", &e))?;
         let beside = tempfile::Builder::new()
             .prefix(&format!(".{}-", name_of(dir)))
             .tempdir_in(parent)
-            .map_err(|e| DemoError::io(parent, "creating a folder in", &e))?;
+            .map_err(|e| DemoError::unwritten(parent, "creating a folder in", &e))?;
         let fresh = beside.path().join("new");
-        std::fs::create_dir(&fresh).map_err(|e| DemoError::io(&fresh, "creating", &e))?;
+        std::fs::create_dir(&fresh).map_err(|e| DemoError::unwritten(&fresh, "creating", &e))?;
         self.write_files(&fresh)?;
         if dir.exists() {
             let old = beside.path().join("old");
-            std::fs::rename(dir, old).map_err(|e| DemoError::io(dir, "moving away", &e))?;
+            std::fs::rename(dir, old).map_err(|e| DemoError::unwritten(dir, "moving away", &e))?;
         }
-        std::fs::rename(&fresh, dir).map_err(|e| DemoError::io(dir, "moving into place", &e))
+        std::fs::rename(&fresh, dir).map_err(|e| DemoError::unwritten(dir, "moving into place", &e))
     }
 
     fn write_files(&self, dir: &Path) -> Result<(), DemoError> {
@@ -57,18 +59,75 @@ impl Demo {
     }
 }
 
-/// A mistyped path must not cost a user a folder of something else.
-fn refuse_other_folders(dir: &Path) -> Result<(), DemoError> {
-    let Ok(mut entries) = std::fs::read_dir(dir) else {
+/// A mistyped path must not cost a user anything but a demonstration.
+fn refuse_other_content(dir: &Path) -> Result<(), DemoError> {
+    match std::fs::metadata(dir) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(DemoError::unwritten(dir, "looking it up", &error)),
+        Ok(found) if !found.is_dir() => {
+            return Err(DemoError::new(
+                dir,
+                "this is no folder",
+                "choose a folder that is not there yet, or that holds a demonstration",
+            ));
+        }
+        Ok(_) => {}
+    }
+    let names = names_in(dir)?;
+    if names.is_empty() {
         return Ok(());
-    };
-    if entries.next().is_none() || dir.join("demo.toml").exists() {
+    }
+    if !names.iter().any(|name| name == "demo.toml") {
+        return Err(DemoError::new(
+            dir,
+            "the folder holds something other than a demonstration",
+            "choose another folder or empty this one",
+        ));
+    }
+    for name in names {
+        let file = dir.join(&name);
+        if name == "clouds" && file.is_dir() {
+            for cloud in names_in(&file)? {
+                refuse_unless(is_cloud(&cloud), &file.join(cloud))?;
+            }
+        } else {
+            refuse_unless(is_of_the_format(&name), &file)?;
+        }
+    }
+    Ok(())
+}
+
+/// Names of what is in a folder, sorted, so that the same one is named every time.
+fn names_in(dir: &Path) -> Result<Vec<String>, DemoError> {
+    let fail = |e| DemoError::io(dir, "listing", &e);
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(fail)? {
+        names.push(entry.map_err(fail)?.file_name().to_string_lossy().into_owned());
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// Whether a demonstration's folder may hold a file of this name.
+fn is_of_the_format(name: &str) -> bool {
+    let clamp = clamp_of(name).is_some_and(|index| index.parse::<usize>().is_ok());
+    clamp || ["demo.toml", "clouds.csv", "markers.csv"].contains(&name)
+}
+
+fn is_cloud(name: &str) -> bool {
+    let ending = Path::new(name).extension();
+    ending.is_some_and(|ending| ending.eq_ignore_ascii_case("ply") || ending.eq_ignore_ascii_case("pcd"))
+}
+
+/// Replacing the folder would delete `file`; a folder is no file of the format, whatever its name is.
+fn refuse_unless(known: bool, file: &Path) -> Result<(), DemoError> {
+    if known && !file.is_dir() {
         return Ok(());
     }
     Err(DemoError::new(
-        dir,
-        "the folder holds something other than a demonstration",
-        "choose another folder or empty this one",
+        file,
+        "this is no part of the demonstration that would be replaced",
+        "move it away, or choose another folder",
     ))
 }
 
@@ -105,7 +164,7 @@ fn marker_table(samples: &[MarkerSample]) -> String {
 
 fn write_clouds(dir: &Path, frames: &[CloudFrame]) -> Result<(), DemoError> {
     let folder = dir.join("clouds");
-    std::fs::create_dir(&folder).map_err(|e| DemoError::io(&folder, "creating", &e))?;
+    std::fs::create_dir(&folder).map_err(|e| DemoError::unwritten(&folder, "creating", &e))?;
     let mut table = String::from("t_s,file\n");
     for (index, frame) in frames.iter().enumerate() {
         let name = format!("clouds/{index:04}.ply");
@@ -118,5 +177,5 @@ fn write_clouds(dir: &Path, frames: &[CloudFrame]) -> Result<(), DemoError> {
 }
 
 fn write_text(file: &Path, text: &str) -> Result<(), DemoError> {
-    std::fs::write(file, text).map_err(|e| DemoError::io(file, "writing", &e))
+    std::fs::write(file, text).map_err(|e| DemoError::unwritten(file, "writing", &e))
 }

@@ -379,7 +379,8 @@ impl Scene {
         RopeLayout::new(self.rope, &self.edges_m(), self.grid.spacing_m, self.sampling)
     }
 
-    /// Refuses paths on which two closed clamps are further apart than the rope between them.
+    /// Refuses paths on which two closed clamps are further apart than the rope between them, and says where they
+    /// are furthest: in a swing, at the release point.
     fn refuse_unreachable(&self) -> Result<(), SimError> {
         let [a, b] = &self.grips[..] else { return Ok(()) };
         let length_m = self.rope.length_m - a.length_m - b.length_m;
@@ -394,19 +395,22 @@ impl Scene {
                 .motion(t_s)
                 .place(direction.map(|d| sign * grip.length_m * d))
         };
+        let mut worst = None;
+        let mut worst_m = length_m * (1.0 + STRETCH_ALLOWED);
         for knot in a.path.knots().iter().chain(b.path.knots()) {
             let (pa, pb) = (mouth(0, knot.t_s), mouth(1, knot.t_s));
             let distance_m = (0..3).map(|k| (pa[k] - pb[k]).powi(2)).sum::<f64>().sqrt();
             let both_closed = a.path.closed(knot.t_s) && b.path.closed(knot.t_s);
-            if both_closed && distance_m > length_m * (1.0 + STRETCH_ALLOWED) {
-                return Err(SimError::at_start(Cause::Unreachable {
+            if both_closed && distance_m > worst_m {
+                worst_m = distance_m;
+                worst = Some(SimError::at_start(Cause::Unreachable {
                     t_s: knot.t_s,
                     distance_m,
                     length_m,
                 }));
             }
         }
-        Ok(())
+        worst.map_or(Ok(()), Err)
     }
 
     /// Refuses what no simulation can start from.

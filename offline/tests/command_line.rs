@@ -1,0 +1,164 @@
+//! What every command of `offline` keeps to: exit code 2 for wrong use, one line for what went wrong and what to do,
+//! and no panic where a reader has gone or a disk is full.
+#![cfg(feature = "train")]
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+const FIT: &str = "offline/demos/sample-rope/fit";
+
+fn offline(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_offline"));
+    command
+        .args(arguments)
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap());
+    command
+}
+
+/// Exit code and what stands on standard error.
+fn refusal(arguments: &[&str]) -> (Option<i32>, String) {
+    let Output { status, stderr, .. } = offline(arguments).output().unwrap();
+    (status.code(), String::from_utf8(stderr).unwrap())
+}
+
+/// A pipe that nobody reads.
+fn unread() -> Stdio {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    writer.into()
+}
+
+#[test]
+fn wrong_use_has_exit_code_2_and_says_what_is_right() {
+    let cut = ["demo", "cut", FIT, "--out", "never-written"];
+    let cases: &[(&[&str], &str)] = &[
+        (&["run", "--held-out", FIT], "--demo <DIR>..."),
+        (&["run", "--threads", "0"], "0 is not in 1..=1024"),
+        (
+            &["reproduce", "coverage", "--threads", "5000"],
+            "5000 is not in 1..=1024",
+        ),
+        (
+            &["reproduce", "sim2sim", "--iterations", "0"],
+            "0 is not in 1..=100000",
+        ),
+        (
+            &["reproduce", "sim2sim", "--cells", "1"],
+            "give a number from 1.5 to 8",
+        ),
+        (&["bench-diagnosis", "--seeds", "0"], "0 is not in 1..=1000"),
+        (&["bench-diagnosis", "--threads", "0"], "0 is not in 1..=1024"),
+        (&["verify", "--random", "1e9"], "invalid value '1e9'"),
+        (
+            &[&cut[..], &["--from", "5", "--to", "1"]].concat(),
+            "--from 5 is after --to 1: give the earlier instant first",
+        ),
+        (&[&cut[..], &["--from", "nan"]].concat(), "give a finite number"),
+    ];
+    for (arguments, words) in cases {
+        let (code, said) = refusal(arguments);
+        assert_eq!(code, Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn a_failure_says_its_cause_once_and_what_to_do_about_it() {
+    let cases: &[(&[&str], &str)] = &[
+        (&["inspect", "/proc"], "; name the folder of a run"),
+        (
+            &["demo", "import", "deform", "nope", "--out", "never-written"],
+            "; check the path, or add the file",
+        ),
+        (
+            &["demo", "import", "recording", "nope"],
+            "; check the path, or add the file",
+        ),
+        (
+            &["demo", "cut", FIT, "--out", "/proc/x"],
+            "; choose a folder that can be written to",
+        ),
+        (
+            &["demo", "show", FIT, "--out", "/proc/x.svg"],
+            "; check the path, its permissions",
+        ),
+    ];
+    for (arguments, remedy) in cases {
+        let (code, said) = refusal(arguments);
+        assert_eq!(code, Some(1), "{arguments:?}: {said}");
+        assert!(said.contains(remedy), "{arguments:?}: {said}");
+        assert_eq!(said.matches("os error").count(), 1, "{arguments:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn a_part_may_begin_before_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("part");
+    let (code, said) = refusal(&["demo", "cut", FIT, "--from", "-1", "--out", out.to_str().unwrap()]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
+#[test]
+fn a_file_in_the_place_of_a_demonstration_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("f.txt");
+    std::fs::write(&file, "precious").unwrap();
+    let out = file.to_str().unwrap();
+    let commands: [&[&str]; 2] = [
+        &["demo", "cut", FIT, "--to", "1", "--out", out],
+        &["simulate", "--young-pa", "1e6", "--out", out],
+    ];
+    for arguments in commands {
+        let (code, said) = refusal(arguments);
+        assert_eq!(code, Some(1), "{arguments:?}: {said}");
+        assert!(said.contains("f.txt: this is no folder; choose"), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert_eq!(std::fs::read(&file).unwrap(), b"precious");
+    }
+}
+
+#[test]
+fn cells_are_listed_for_machines() {
+    let list = ["bench-diagnosis", "--quick", "--list", "--json"];
+    let output = offline(&list).output().unwrap();
+    let names: Vec<String> = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(names.len() > 10, "{names:?}");
+}
+
+#[test]
+fn a_reader_that_has_gone_ends_no_command() {
+    let output = offline(&["demo", "check", FIT, FIT])
+        .stdout(unread())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(output.stderr.is_empty(), "{output:?}");
+}
+
+#[test]
+fn a_run_goes_on_when_nobody_reads_its_progress() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = offline(&["bench-diagnosis", "--count", "--quick", "--out"])
+        .arg(folder.path())
+        .stderr(unread())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(folder.path().join("bench-diagnosis.json").exists());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_one_line_and_a_failure() {
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let output = offline(&["demo", "check", FIT]).stdout(full).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("cannot write to standard output: No space left"),
+        "{said}"
+    );
+    assert_eq!(said.lines().count(), 1, "{said}");
+}
