@@ -4,27 +4,47 @@
 
 use anyhow::{Result, bail};
 use clap::Parser;
+use controller::arguments;
 use controller::client::Client;
 use controller::program;
-use shared::messages::{Phase, Reason};
+use controller::session::DEFAULT_INSTANCE;
+use controller::words::Words;
+use shared::blob::MAX_ROPES;
+use shared::messages::{Reason, Status};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// Sends one goal and waits until it is done or refused.
 #[derive(Parser)]
+#[command(after_help = "Example: send_goal --x 0.40 --keep-alive-ms 100 --json")]
 struct Args {
-    /// Where the tip shall reach, x in the task frame, m
-    #[arg(long, allow_negative_numbers = true)]
+    /// Where the tip shall reach, x in the task frame, m (-10 to 10)
+    #[arg(long, allow_negative_numbers = true, value_parser = arguments::number(-10.0, 10.0))]
     x: f64,
-    /// Which rope of the policy file, from 0
-    #[arg(long, default_value_t = 0)]
+    /// Which rope of the policy file, from 0 (to 15)
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..MAX_ROPES as i64))]
     rope: u32,
-    /// Promise a sign of life this often, ms: when this program dies, the arm stops; 0 promises nothing
-    #[arg(long, default_value_t = 0)]
+    /// Promise a sign of life this often, ms (0 to 60000): when this program dies, the arm stops; 0 promises
+    /// nothing
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=60_000))]
     keep_alive_ms: u32,
     /// Name of the controller
-    #[arg(long, default_value = "genorm")]
+    #[arg(long, default_value = DEFAULT_INSTANCE, value_parser = arguments::instance)]
     instance: String,
+    /// What became of the goal as one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// What became of a goal.
+#[derive(serde::Serialize)]
+struct Outcome {
+    goal_id: u64,
+    /// "refused" or "ended".
+    outcome: &'static str,
+    /// Of the controller, then.
+    state: Words,
+    reason: Words,
 }
 
 fn main() -> ExitCode {
@@ -34,8 +54,9 @@ fn main() -> ExitCode {
 fn run(args: &Args) -> Result<()> {
     let mut client = Client::connect(&args.instance, Duration::from_secs(2))?;
     let id = client.send_watched_goal(args.rope, args.x, args.keep_alive_ms)?;
-    let text = |code| Reason::from_code(code).map_or("a reason this client does not know", Reason::text);
     let mut state = None;
+    // The goal is wanted whether or not somebody reads about it, so this is looked at last.
+    let mut told = Ok(());
     // A live controller sends a status every 100 ms.
     let mut heard = Instant::now();
     while heard.elapsed() < Duration::from_secs(1) {
@@ -47,27 +68,42 @@ fn run(args: &Args) -> Result<()> {
             continue;
         };
         heard = Instant::now();
-        if status.finished_goal_id == id {
-            println!("goal {id} ended: {}", text(status.finished_reason));
-            if status.finished_reason != Reason::Done.code() {
-                bail!("reason {}", status.finished_reason);
+        if let Some(outcome) = outcome(&status, id) {
+            let done = outcome.reason.code == Reason::Done.code();
+            let line = format!("goal {id} {}: {}", outcome.outcome, outcome.reason.advice());
+            if args.json {
+                told = told.and_then(|()| program::write_json(&outcome));
+            } else if done {
+                told = told.and_then(|()| program::write(|out| writeln!(out, "goal {id} ended: done")));
             }
-            return Ok(());
+            if !done {
+                bail!(line);
+            }
+            return Ok(told?);
         }
-        if status.judged_goal_id == id && status.judged_reason != Reason::Accepted.code() {
-            bail!(
-                "goal {id} refused: {} (reason {})",
-                text(status.judged_reason),
-                status.judged_reason
-            );
-        }
-        if status.active_goal_id == id && state != Some(status.state) {
+        if !args.json && status.active_goal_id == id && state != Some(status.state) {
             state = Some(status.state);
-            println!(
-                "{}",
-                Phase::from_code(status.state).map_or("unknown state", Phase::text)
-            );
+            let text = Words::of_state(status.state).text;
+            told = told.and_then(|()| program::write(|out| writeln!(out, "{text}")));
         }
     }
     bail!("the controller fell silent: is it still running?")
+}
+
+/// What became of the goal `id`, once this status says so.
+fn outcome(status: &Status, id: u64) -> Option<Outcome> {
+    let refused = status.judged_goal_id == id && status.judged_reason != Reason::Accepted.code();
+    let (outcome, reason) = if status.finished_goal_id == id {
+        ("ended", status.finished_reason)
+    } else if refused {
+        ("refused", status.judged_reason)
+    } else {
+        return None;
+    };
+    Some(Outcome {
+        goal_id: id,
+        outcome,
+        state: Words::of_state(status.state),
+        reason: Words::of_reason(reason),
+    })
 }

@@ -3,32 +3,47 @@
 //!
 //! `cargo run --release -p controller --example sim_robot`
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Parser;
+use controller::arguments;
 use controller::client::{ArmPort, Client};
 use controller::clock;
 use controller::program;
+use controller::session::DEFAULT_INSTANCE;
 use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::RobotState;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const PERIOD_NS: u64 = 4_000_000;
 /// A live controller sends a status every 100 ms.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// A simulated xArm7.
+/// A simulated xArm7. Ctrl-C ends it.
 #[derive(Parser)]
+#[command(after_help = "Example: sim_robot --lag-s 0.05 --seconds 60 --json")]
 struct Args {
     /// Name of the controller
-    #[arg(long, default_value = "genorm")]
+    #[arg(long, default_value = DEFAULT_INSTANCE, value_parser = arguments::instance)]
     instance: String,
-    /// Time constant of the joints, s
-    #[arg(long, default_value_t = 0.02)]
+    /// Time constant of the joints, s (0 to 10)
+    #[arg(long, default_value_t = 0.02, value_parser = arguments::number(0.0, 10.0))]
     lag_s: f64,
-    /// End after this time, s; 0 is never
-    #[arg(long, default_value_t = 0.0)]
+    /// End after this time, s (0 to 1000000); 0 is never
+    #[arg(long, default_value_t = 0.0, value_parser = arguments::number(0.0, 1e6))]
     seconds: f64,
+    /// The summary as one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was done until the end.
+#[derive(Default, serde::Serialize)]
+struct Summary {
+    connections: u64,
+    states_sent: u64,
 }
 
 struct Arm {
@@ -68,7 +83,11 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<()> {
     let end = (args.seconds > 0.0).then(|| Instant::now() + Duration::from_secs_f64(args.seconds));
-    let ended = || end.is_some_and(|end| Instant::now() > end);
+    let told_to_end = Arc::new(AtomicBool::new(false));
+    let told = Arc::clone(&told_to_end);
+    ctrlc::set_handler(move || told.store(true, Ordering::Relaxed)).context("cannot watch for signals")?;
+    let ended = || told_to_end.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() > end);
+    let mut summary = Summary::default();
     let mut arm = Arm {
         q_rad: LEVEL_POSTURE_RAD,
         dq_rad_s: [0.0; JOINTS],
@@ -79,19 +98,27 @@ fn run(args: &Args) -> Result<()> {
         // A controller that is not there yet, or was restarted, is waited for; one of another version is not.
         match Client::connect(&args.instance, SILENCE) {
             Ok(mut client) => {
-                if let Err(error) = play(&mut arm, &mut client, &ended) {
-                    eprintln!("sim_robot: {error:#}; connecting again");
+                summary.connections += 1;
+                if let Err(error) = play(&mut arm, &mut client, &mut summary.states_sent, &ended) {
+                    program::tell(&format!("sim_robot: {error:#}; connecting again"));
                 }
             }
             Err(error) if error.may_pass() => {}
             Err(error) => return Err(error.into()),
         }
     }
+    program::answer(args.json, &summary, |out| {
+        writeln!(
+            out,
+            "{} connections, {} states sent",
+            summary.connections, summary.states_sent
+        )
+    })?;
     Ok(())
 }
 
 /// Until the end, or until the controller falls silent.
-fn play(arm: &mut Arm, client: &mut Client, ended: &dyn Fn() -> bool) -> Result<()> {
+fn play(arm: &mut Arm, client: &mut Client, states_sent: &mut u64, ended: &dyn Fn() -> bool) -> Result<()> {
     let mut port = client.arm()?;
     let mut heard = Instant::now();
     let mut next_ns = clock::now_ns();
@@ -101,6 +128,7 @@ fn play(arm: &mut Arm, client: &mut Client, ended: &dyn Fn() -> bool) -> Result<
         }
         arm.follow(&mut port);
         port.send_state(arm.state())?;
+        *states_sent += 1;
         next_ns = (next_ns + PERIOD_NS).max(clock::now_ns());
         clock::sleep_until(next_ns);
     }

@@ -5,6 +5,7 @@ use crate::clock;
 use crate::constants::{BRIDGE_LAG_US, BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
 use crate::cycle::Queues;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
+use crate::voice::{Event, Voice};
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -19,20 +20,22 @@ pub struct Bridge {
     robots: Subscriber<ipc::Service, RobotState, ()>,
     targets: Publisher<ipc::Service, JointTarget, ()>,
     statuses: Publisher<ipc::Service, Status, ()>,
+    voice: Voice,
     complained: bool,
     /// The cycle that was due next when the bridge rested last, ns.
     cycle_ns: u64,
 }
 
 impl Bridge {
-    /// Creates the services and their ports.
-    pub fn new(node: &Node<ipc::Service>) -> Result<Self, ServiceError> {
+    /// Creates the services and their ports; failures are told by `voice`.
+    pub fn new(node: &Node<ipc::Service>, voice: Voice) -> Result<Self, ServiceError> {
         Ok(Self {
             goals: GOALS.subscriber(node, true)?,
             commands: COMMANDS.subscriber(node, true)?,
             robots: ROBOT.subscriber(node, true)?,
             targets: TARGETS.publisher(node, true)?,
             statuses: STATUS.publisher(node, true)?,
+            voice,
             complained: false,
             cycle_ns: 0,
         })
@@ -73,7 +76,9 @@ impl Bridge {
     /// Once is enough: what goes wrong every millisecond is counted in the status.
     fn complain(&mut self, failure: &str) {
         if !self.complained {
-            eprintln!("controller: {failure}; further failures are only counted (messages_lost)");
+            self.voice.say(Event::Failure {
+                text: format!("{failure}; further failures are only counted (messages_lost)"),
+            });
             self.complained = true;
         }
     }

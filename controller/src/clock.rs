@@ -1,6 +1,8 @@
 //! The clock of the controller and its clients, CLOCK_MONOTONIC, and the grid of deadlines on it.
 
 use std::mem::MaybeUninit;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 const NS_PER_S: u64 = 1_000_000_000;
 
@@ -32,6 +34,15 @@ pub fn sleep_until(deadline_ns: u64) {
         )
     } == libc::EINTR
     {}
+}
+
+/// Whether `thread` ends within `patience`; waits for it that long.
+pub fn ends_within<T>(thread: &JoinHandle<T>, patience: Duration) -> bool {
+    let start = Instant::now();
+    while !thread.is_finished() && start.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    thread.is_finished()
 }
 
 /// Deadlines at a fixed period. A late cycle is run once and the missed ones are counted, not caught up.

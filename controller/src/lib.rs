@@ -13,6 +13,7 @@
 //! ```
 
 pub mod allocations;
+pub mod arguments;
 pub mod bench;
 pub mod bridge;
 pub mod client;
@@ -36,3 +37,5 @@ pub mod step;
 pub mod survey;
 pub mod sweeper;
 pub mod timing;
+pub mod voice;
+pub mod words;

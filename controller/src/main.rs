@@ -1,14 +1,15 @@
 //! The program `controller`: reads the command line and starts what it asks for.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::{CommandFactory, Parser, Subcommand};
+use controller::arguments;
 use controller::bench::LoopReport;
 use controller::constants::{GRIPPER_LATENCY_MAX_MS, ROBOT_TIMEOUT_DEFAULT_MS, ROBOT_TIMEOUT_RANGE_MS};
 use controller::policy_file;
 use controller::program;
 use controller::recorder;
 use controller::serve::{self, Options, Rate};
-use controller::session::{DEFAULT_INSTANCE, Instance, SessionError};
+use controller::session::DEFAULT_INSTANCE;
 use controller::step::{Controller, Setup};
 use controller::timing::Percentiles;
 use controller::{allocations, bench, motion, rt, sample};
@@ -16,7 +17,7 @@ use serde_json::json;
 use shared::arm::{self, DEFAULT_TASK_FRAME, Joints};
 use shared::ik;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -68,7 +69,7 @@ struct ServeArgs {
     #[arg(long)]
     dry_run: bool,
     /// Name that clients connect by
-    #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE, value_parser = instance)]
+    #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE, value_parser = arguments::instance)]
     instance: String,
     /// Silence of the arm, ms, after which a motion is stopped (20 to 2000)
     #[arg(long, value_name = "MS", default_value_t = ROBOT_TIMEOUT_DEFAULT_MS, value_parser = timeout)]
@@ -77,9 +78,12 @@ struct ServeArgs {
     /// `offline diagnose` finds it as the effect "release delay"
     #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=GRIPPER_LATENCY_MAX_MS))]
     gripper_latency_ms: u64,
-    /// Record every cycle to this file, for `controller replay`
+    /// Record every cycle to this new file, for `controller replay`
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// One JSON object on standard output for every event
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Subcommand)]
@@ -87,8 +91,8 @@ enum Command {
     /// Forward kinematics: seven joint angles (rad) to the flange's position (m) and rotation
     #[command(after_help = "Example: controller fk 0 0.2 0 1 3.14159 1.3 0 --json")]
     Fk {
-        /// Joint angles, rad
-        #[arg(value_name = "Q", num_args = 7, required = true, allow_negative_numbers = true, value_parser = finite)]
+        /// Joint angles, rad (-10 to 10: more are degrees by mistake)
+        #[arg(value_name = "Q", num_args = 7, required = true, allow_negative_numbers = true, value_parser = arguments::number(-10.0, 10.0))]
         q_rad: Vec<f64>,
         /// One JSON object on standard output
         #[arg(long)]
@@ -97,11 +101,11 @@ enum Command {
     /// Inverse kinematics: a release point (m, task plane) to seven joint angles (rad)
     #[command(after_help = "Example: controller ik 0.1 0.15 --policy runs/red/policy.blob")]
     Ik {
-        /// x in the task plane, m
-        #[arg(allow_negative_numbers = true, value_parser = finite)]
+        /// x in the task plane, m (-10 to 10)
+        #[arg(allow_negative_numbers = true, value_parser = arguments::number(-10.0, 10.0))]
         x: f64,
-        /// z in the task plane, m
-        #[arg(allow_negative_numbers = true, value_parser = finite)]
+        /// z in the task plane, m (-10 to 10)
+        #[arg(allow_negative_numbers = true, value_parser = arguments::number(-10.0, 10.0))]
         z: f64,
         /// Take the task's place from this policy file; the default place otherwise
         #[arg(long, value_name = "FILE")]
@@ -119,7 +123,7 @@ enum Command {
         /// Cycles per second, as for the controller itself
         #[arg(long, value_name = "HZ", default_value = "250")]
         rate_hz: Rate,
-        /// How long to run the loop under each load, and cyclictest (if installed) again
+        /// How long to run the loop under each load, and cyclictest (if installed) again, s (1 to 3600)
         #[arg(long, value_name = "S", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
         seconds: u64,
         /// Write HDR histograms (.hgrm) into this folder
@@ -138,17 +142,6 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-}
-
-fn finite(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        _ => Err("not a finite number".to_string()),
-    }
-}
-
-fn instance(text: &str) -> Result<String, SessionError> {
-    Instance::new(text).map(|instance| instance.name().to_string())
 }
 
 fn timeout(text: &str) -> Result<u64, String> {
@@ -194,6 +187,7 @@ fn run_controller(args: ServeArgs) -> Result<()> {
         robot_timeout_ms: args.robot_timeout_ms,
         gripper_latency_ms: args.gripper_latency_ms,
         record: args.record,
+        json: args.json,
     })
 }
 
@@ -207,21 +201,18 @@ fn fk(q_rad: &[f64], as_json: bool) -> Result<()> {
         .map(|row| row.iter().copied().collect())
         .collect();
     let outside = arm::joint_out_of_range(&q).map(|joint| joint + 1);
-    if as_json {
-        let answer = json!({ "position_m": position, "rotation": rows, "joint_out_of_range": outside });
-        println!("{answer}");
-        return Ok(());
-    }
-    println!(
-        "flange (m)  {:.6} {:.6} {:.6}",
-        position[0], position[1], position[2]
-    );
-    for row in rows {
-        println!("rotation    {:9.6} {:9.6} {:9.6}", row[0], row[1], row[2]);
-    }
-    if let Some(joint) = outside {
-        println!("note        joint {joint} is outside its range");
-    }
+    let answer = json!({ "position_m": position, "rotation": rows, "joint_out_of_range": outside });
+    program::answer(as_json, &answer, |out| {
+        let [x, y, z] = position;
+        writeln!(out, "flange (m)  {x:.6} {y:.6} {z:.6}")?;
+        for row in rows {
+            writeln!(out, "rotation    {:9.6} {:9.6} {:9.6}", row[0], row[1], row[2])?;
+        }
+        if let Some(joint) = outside {
+            writeln!(out, "note        joint {joint} is outside its range")?;
+        }
+        Ok(())
+    })?;
     Ok(())
 }
 
@@ -232,27 +223,21 @@ fn inverse(point_m: [f64; 2], policy: Option<&Path>, as_json: bool) -> Result<()
     };
     let pose = motion::task_pose(&frame, point_m);
     let position: [f64; 3] = pose.position_m.into();
-    let q = ik::solve(&pose).with_context(|| {
-        format!(
-            "release point ({}, {}) m, flange at {position:?} m",
-            point_m[0], point_m[1]
+    let q = ik::solve(&pose).map_err(|error| {
+        let [x, z] = point_m;
+        anyhow!(
+            "release point ({x}, {z}) m, flange at {position:?} m: {error}; give a point nearer to the middle of the arm's reach"
         )
     })?;
     let margin_rad = arm::margin_rad(&q);
-    if as_json {
-        println!(
-            "{}",
-            json!({ "q_rad": q, "flange_m": position, "margin_rad": margin_rad })
-        );
-        return Ok(());
-    }
-    let joints: Vec<String> = q.iter().map(|angle| format!("{angle:.6}")).collect();
-    println!("joints (rad)  {}", joints.join(" "));
-    println!(
-        "flange (m)    {:.6} {:.6} {:.6}",
-        position[0], position[1], position[2]
-    );
-    println!("margin (rad)  {margin_rad:.3} to the nearest joint limit");
+    let answer = json!({ "q_rad": q, "flange_m": position, "margin_rad": margin_rad });
+    program::answer(as_json, &answer, |out| {
+        let joints: Vec<String> = q.iter().map(|angle| format!("{angle:.6}")).collect();
+        let [x, y, z] = position;
+        writeln!(out, "joints (rad)  {}", joints.join(" "))?;
+        writeln!(out, "flange (m)    {x:.6} {y:.6} {z:.6}")?;
+        writeln!(out, "margin (rad)  {margin_rad:.3} to the nearest joint limit")
+    })?;
     Ok(())
 }
 
@@ -273,57 +258,64 @@ fn run_bench(
         duration,
         histograms,
     })?;
-    if as_json {
-        println!("{}", serde_json::to_string(&report)?);
-        return Ok(());
-    }
-    println!("machine         {}", report.degraded);
-    println!("period          {} us", report.period_ns / 1000);
-    if let Some(reason) = &report.cyclictest_missing {
-        println!("comparison      {reason}");
-    }
-    print_loop("nothing else runs", &report.idle);
-    match &report.saturated {
-        Some(saturated) => print_loop("every other processor busy", saturated),
-        None => println!("every other processor busy: there is no other processor"),
-    }
-    println!("parts of an answer");
-    let parts = &report.parts;
-    let line = |name: &str, times: &Percentiles| println!("  {name:<17}{times}");
-    line("policy", &parts.policy);
-    line("ik, middle", &parts.ik_from_middle);
-    line("ik, on a line", &parts.ik_along_line);
-    line("whole plan", &parts.plan);
-    line(".. unsurveyed", &parts.plan_unsurveyed);
+    program::answer(as_json, &report, |out| print_report(out, &report))?;
     Ok(())
 }
 
-fn print_loop(load: &str, report: &LoopReport) {
-    println!(
+fn print_report(out: &mut dyn Write, report: &bench::Report) -> io::Result<()> {
+    writeln!(out, "machine         {}", report.degraded)?;
+    writeln!(out, "period          {} us", report.period_ns / 1000)?;
+    if let Some(reason) = &report.cyclictest_missing {
+        writeln!(out, "comparison      {reason}")?;
+    }
+    print_loop(out, "nothing else runs", &report.idle)?;
+    match &report.saturated {
+        Some(saturated) => print_loop(out, "every other processor busy", saturated),
+        None => writeln!(out, "every other processor busy: there is no other processor"),
+    }?;
+    writeln!(out, "parts of an answer")?;
+    let parts = &report.parts;
+    print_times(out, "policy", &parts.policy)?;
+    print_times(out, "ik, middle", &parts.ik_from_middle)?;
+    print_times(out, "ik, on a line", &parts.ik_along_line)?;
+    print_times(out, "whole plan", &parts.plan)?;
+    print_times(out, ".. unsurveyed", &parts.plan_unsurveyed)
+}
+
+fn print_loop(out: &mut dyn Write, load: &str, report: &LoopReport) -> io::Result<()> {
+    writeln!(
+        out,
         "{load}: {} cycles, {} missed, {}",
         report.turn.count, report.missed, report.cost
-    );
-    let line = |name: &str, times: &Percentiles| println!("  {name:<17}{times}");
-    line("wake-up late", &report.wake);
+    )?;
+    print_times(out, "wake-up late", &report.wake)?;
     if let (Some(other), Some(ratio)) = (&report.cyclictest, report.wake_p99_ratio) {
-        line("cyclictest", other);
-        println!("  {:<17}{ratio:.2} times cyclictest's p99", "ratio");
+        print_times(out, "cyclictest", other)?;
+        writeln!(out, "  {:<17}{ratio:.2} times cyclictest's p99", "ratio")?;
     }
-    line("plan ahead, cold", &report.plan_ahead);
-    line("turn begins late", &report.start);
-    line("period jitter", &report.jitter);
-    line("turn", &report.turn);
-    line("with a goal", &report.answer);
-    line("goal to target", &report.goal_to_first_target);
-    println!(
+    print_times(out, "plan ahead, cold", &report.plan_ahead)?;
+    print_times(out, "turn begins late", &report.start)?;
+    print_times(out, "period jitter", &report.jitter)?;
+    print_times(out, "turn", &report.turn)?;
+    print_times(out, "with a goal", &report.answer)?;
+    print_times(out, "goal to target", &report.goal_to_first_target)?;
+    writeln!(
+        out,
         "  {:<17}{} goals, {} of them waited longer than a period",
         "", report.goal_to_first_target.count, report.goals_beyond_period
-    );
+    )
+}
+
+fn print_times(out: &mut dyn Write, name: &str, times: &Percentiles) -> io::Result<()> {
+    writeln!(out, "  {name:<17}{times}")
 }
 
 fn replay(file: &Path, as_json: bool) -> Result<()> {
     let name = file.display();
-    let mut input = BufReader::new(File::open(file).with_context(|| format!("cannot open {name}"))?);
+    let opened = File::open(file).map_err(|error| {
+        anyhow!("cannot open {name}: {error}; give a file that `controller --record` wrote")
+    });
+    let mut input = BufReader::new(opened?);
     let head = recorder::read_head(&mut input)
         .with_context(|| format!("cannot read {name}"))?
         .with_context(|| {
@@ -341,16 +333,14 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
         degraded: header.degraded,
     });
     let found = recorder::replay(&mut input, controller).with_context(|| format!("cannot read {name}"))?;
-    if as_json {
-        println!("{}", serde_json::to_string(&found)?);
-    } else {
+    program::answer(as_json, &found, |out| {
         let end = if found.truncated {
             ", the file ends within a record"
         } else {
             ""
         };
-        println!("{} cycles, {} targets{end}", found.cycles, found.targets);
-    }
+        writeln!(out, "{} cycles, {} targets{end}", found.cycles, found.targets)
+    })?;
     if let Some(cycle) = found.first_difference {
         bail!("cycle {cycle} differs from the recording");
     }

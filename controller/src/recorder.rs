@@ -1,16 +1,18 @@
 //! Recordings: turns each cycle into a record, writes them from a thread of their own so that a slow
 //! disk holds up nobody, and replays a file bit for bit.
 
+use crate::clock;
 use crate::cycle::Queues;
 use crate::step::{Controller, Inputs, Output, Setup};
+use crate::voice::{Event, Voice};
 use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Pause of the writing thread; the queue holds two seconds.
 const PAUSE: Duration = Duration::from_millis(5);
@@ -65,33 +67,54 @@ pub fn header(setup: &Setup, policy_bytes: usize) -> Header {
 
 /// The thread that empties the queue of records into the file.
 pub struct Recorder {
-    thread: JoinHandle<()>,
+    thread: JoinHandle<io::Result<()>>,
 }
 
 impl Recorder {
-    /// Creates the file, writes what comes before the records, and starts the thread.
-    pub fn start(path: &Path, header: &Header, policy: &[u8], queues: &Arc<Queues>) -> io::Result<Self> {
-        let mut file = BufWriter::new(File::create(path)?);
+    /// Creates the file, writes what comes before the records, and starts the thread; when the disk takes
+    /// no more, `voice` tells so at once.
+    pub fn start(
+        path: &Path,
+        header: &Header,
+        policy: &[u8],
+        queues: &Arc<Queues>,
+        voice: Voice,
+    ) -> io::Result<Self> {
+        let mut file = BufWriter::new(create(path)?);
         file.write_all(&header.to_bytes())?;
         file.write_all(policy)?;
         let queues = Arc::clone(queues);
         let thread = std::thread::Builder::new()
             .name("recorder".to_string())
             .spawn(move || {
-                if let Err(error) = drain(&mut file, &queues) {
-                    eprintln!("controller: the recording ends here: {error}");
-                }
+                drain(&mut file, &queues).inspect_err(|error| {
+                    voice.say(Event::Failure {
+                        text: format!("the recording ends here: {error}"),
+                    });
+                })
             })?;
         Ok(Self { thread })
     }
 
-    /// Waits for the last records, but not for ever; whether the disk took them.
-    pub fn finish(self) -> bool {
-        let start = Instant::now();
-        while !self.thread.is_finished() && start.elapsed() < LAST_WORDS {
-            std::thread::sleep(PAUSE);
+    /// Waits for the last records, but not for ever; fails when the disk did not take all.
+    pub fn finish(self) -> io::Result<()> {
+        if !clock::ends_within(&self.thread, LAST_WORDS) {
+            return Err(io::Error::other("the disk did not take the rest in time"));
         }
-        self.thread.is_finished()
+        self.thread
+            .join()
+            .unwrap_or_else(|_| Err(io::Error::other("its thread panicked")))
+    }
+}
+
+/// Creates the file, never in place of another: what was recorded is not measured again. A pipe or a device
+/// that exists is written into; there is nothing in it to lose.
+fn create(path: &Path) -> io::Result<File> {
+    match File::create_new(path) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists && !path.is_file() => {
+            File::options().write(true).open(path)
+        }
+        outcome => outcome,
     }
 }
 

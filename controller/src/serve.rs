@@ -12,10 +12,11 @@ use crate::session::Instance;
 use crate::step::{Controller, Setup};
 use crate::sweeper::Sweeper;
 use crate::timing::Timing;
+use crate::voice::{self, Event, Summary, Voice};
 use anyhow::{Context, Result, anyhow, bail};
 use iceoryx2::prelude::Config;
 use shared::blob::Blob;
-use shared::messages::{Phase, Reason, Status, degraded};
+use shared::messages::{Status, degraded};
 use shared::recording::Header;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -40,6 +41,8 @@ pub struct Options {
     pub gripper_latency_ms: u64,
     /// Where to write a recording.
     pub record: Option<PathBuf>,
+    /// Events as JSON lines on standard output; as text on standard error otherwise.
+    pub json: bool,
 }
 
 /// Cycles per second, 100 to 1000. Every target falls on a cycle, and the arm gets at most 250 a second:
@@ -102,6 +105,7 @@ fn check_gripper(options: &Options, blob: &Blob) -> Result<()> {
 pub fn serve(options: &Options) -> Result<()> {
     let policy = policy_file::read(&options.policy)?;
     check_gripper(options, &policy.blob)?;
+    let (_speaker, voice) = voice::start(options.json).context("cannot start the voice's thread")?;
     let instance = Instance::new(&options.instance)?;
     let session = instance.start()?;
     let _sweeper = Sweeper::start(&instance).context("cannot start the sweeper's thread")?;
@@ -124,40 +128,44 @@ pub fn serve(options: &Options) -> Result<()> {
         .recv()
         .map_err(|_| anyhow!("the loop's thread did not start"))?
         .context("the loop cannot start")?;
-    let recording = options.record.as_ref();
-    let recorder = recording.map(|path| start_recorder(path, &header, &policy, &queues));
-    let recorder = recorder.transpose()?;
     let node = services::node(session.config())?;
-    let mut bridge = Bridge::new(&node)?;
+    let mut bridge = Bridge::new(&node, voice.clone())?;
+    // Last of what can fail, so that a start that fails leaves no file in the way of the next.
+    let recording = options.record.as_ref();
+    let recorder = recording.map(|path| start_recorder(path, &header, &policy, &queues, &voice));
+    let recorder = recorder.transpose()?;
     go.send(())
         .map_err(|_| anyhow!("the loop's thread ended early"))?;
     session.announce()?;
-    eprintln!(
-        "controller: instance {} ready, {} cycles of {} us to a target, {:.4} targets a second; {}",
-        options.instance,
-        header.cycles_per_target,
-        header.cycle_ns / 1000,
-        options.rate.targets_hz(),
-        rt::describe(header.degraded)
-    );
-    let newest = carry(&mut bridge, &queues, &thread);
-    if recorder.is_some_and(|recorder| !recorder.finish()) {
-        eprintln!("controller: the recording is cut off: the disk did not take the rest in time");
-    }
+    voice.say(Event::Ready {
+        instance: options.instance.clone(),
+        cycles_per_target: header.cycles_per_target,
+        cycle_ns: header.cycle_ns,
+        targets_hz: options.rate.targets_hz(),
+        machine: rt::describe(header.degraded),
+    });
+    let newest = carry(&mut bridge, &queues, &thread, &voice);
+    let recorded = recorder.map_or(Ok(()), Recorder::finish);
     let timing = thread.join().map_err(|_| anyhow!("the loop's thread panicked"))?;
-    summarise(&timing, &newest);
-    Ok(())
+    voice.say(Event::Summary(Box::new(Summary::new(&timing, &newest))));
+    recorded.map_err(|error| anyhow!("the recording is cut off: {error}; make room and record again"))
 }
 
 /// The work of the second thread until the loop has ended; returns the last status.
-fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>) -> Status {
+fn carry(bridge: &mut Bridge, queues: &Queues, thread: &JoinHandle<Timing>, voice: &Voice) -> Status {
     let mut newest = Status::default();
+    let mut on_status = |status: &Status| {
+        voice::news(status, &newest)
+            .into_iter()
+            .for_each(|event| voice.say(event));
+        newest = *status;
+    };
     rt::prefer_bridge();
     while !queues.ended.load(Ordering::Acquire) && !thread.is_finished() {
-        bridge.round(queues, &mut |status| tell(status, &mut newest));
+        bridge.round(queues, &mut on_status);
         bridge.rest(queues);
     }
-    bridge.round(queues, &mut |status| tell(status, &mut newest));
+    bridge.round(queues, &mut on_status);
     newest
 }
 
@@ -202,7 +210,7 @@ fn spawn_loop(
         .context("cannot start the loop's thread")
 }
 
-/// SIGINT and SIGTERM slow the arm down and end the program; kill -9 needs no help (see `session`).
+/// SIGINT, SIGTERM and SIGHUP (the terminal is closed) slow the arm down and end the program; kill -9 needs no help (see `session`).
 fn end_on_signal(queues: &Arc<Queues>) -> Result<()> {
     let queues = Arc::clone(queues);
     ctrlc::set_handler(move || queues.shutdown.store(true, Ordering::Relaxed))
@@ -214,62 +222,14 @@ fn start_recorder(
     header: &Header,
     policy: &PolicyFile,
     queues: &Arc<Queues>,
+    voice: &Voice,
 ) -> Result<Recorder> {
-    Recorder::start(path, header, &policy.bytes, queues)
-        .with_context(|| format!("cannot write the recording {}", path.display()))
-}
-
-/// One line for every judged goal, ended goal, latch and change of state.
-fn tell(status: &Status, before: &mut Status) {
-    let text = |code| Reason::from_code(code).map_or("unknown", Reason::text);
-    if status.goals_accepted + status.goals_refused != before.goals_accepted + before.goals_refused {
-        eprintln!(
-            "controller: goal {}: {}",
-            status.judged_goal_id,
-            text(status.judged_reason)
-        );
-    }
-    if status.finished_goal_id != before.finished_goal_id {
-        eprintln!(
-            "controller: goal {} ended: {}",
-            status.finished_goal_id,
-            text(status.finished_reason)
-        );
-    }
-    if status.latch_reason != before.latch_reason && status.latch_reason != 0 {
-        eprintln!("controller: latched until a reset: {}", text(status.latch_reason));
-    }
-    if status.state != before.state || before.seq == 0 {
-        eprintln!(
-            "controller: {}",
-            Phase::from_code(status.state).map_or("unknown", Phase::text)
-        );
-    }
-    *before = *status;
-}
-
-fn summarise(timing: &Timing, last: &Status) {
-    eprintln!(
-        "controller: {} cycles, {} missed, {} targets, {} goals accepted, {} refused",
-        last.cycles, last.missed_deadlines, last.targets_sent, last.goals_accepted, last.goals_refused
-    );
-    eprintln!(
-        "controller: {} messages lost, {}",
-        last.messages_lost,
-        timing.cost()
-    );
-    eprintln!("controller: wake-up {}", timing.wake());
-    eprintln!("controller: begins  {} late", timing.start());
-    eprintln!("controller: turn    {}", timing.turn());
-    eprintln!(
-        "controller: of these, turns that judged a goal {}",
-        timing.answer()
-    );
-    eprintln!(
-        "controller: goal to first target {}; {} waited longer than a period",
-        timing.goal(),
-        timing.goals_beyond_period()
-    );
+    Recorder::start(path, header, &policy.bytes, queues, voice.clone()).map_err(|error| {
+        anyhow!(
+            "cannot write the recording {}: {error}; give --record a new file in a folder that you may write to",
+            path.display()
+        )
+    })
 }
 
 #[cfg(test)]

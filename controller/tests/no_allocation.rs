@@ -7,7 +7,7 @@ use controller::cycle::{Cycle, Queues};
 use controller::services;
 use controller::session::Instance;
 use controller::step::{Controller, Setup};
-use controller::{bridge::Bridge, clock, sample};
+use controller::{bridge::Bridge, clock, sample, voice};
 use shared::arm::LEVEL_POSTURE_RAD;
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, JointTarget, ROBOT_MAGIC, RobotState,
@@ -92,7 +92,8 @@ fn a_turn_allocates_nothing_whatever_happens() {
         services::node(session.config()).unwrap(),
     );
     let writer = services::newest_writer(&loop_node).unwrap();
-    let mut bridge = Bridge::new(&node).unwrap();
+    let (_speaker, voice) = voice::start(false).unwrap();
+    let mut bridge = Bridge::new(&node, voice).unwrap();
     session.announce().unwrap();
     let queues = Queues::new(true);
     let setup = Setup {

@@ -288,6 +288,37 @@ coded! {
     }
 }
 
+impl Reason {
+    /// What to do about it, one line for people; empty where nothing is.
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Self::Accepted | Self::Done | Self::Cancelled | Self::Shutdown | Self::NothingToReset => "",
+            Self::Malformed => "fill in every field; use a client of this version",
+            Self::NonFinite => "send a number",
+            Self::Stale => "send it anew; stamps are CLOCK_MONOTONIC",
+            Self::FromFuture => "use CLOCK_MONOTONIC of this machine",
+            Self::OutOfOrder => "give every goal a new id",
+            Self::UnknownRope => "`offline inspect` lists the ropes, from 0",
+            Self::OutOfRange => "`offline inspect` prints what each rope reaches",
+            Self::ReleaseOutOfRange => "the policy does not fit this rope: train it with the rope",
+            Self::Unreachable => "move the task nearer to the arm and freeze again",
+            Self::TooFast => "lower the motion limits and freeze again",
+            Self::Busy => "wait for `finished_goal_id`, or cancel",
+            Self::NotReady => "start the arm's driver; let the arm rest",
+            Self::Latched => "look at the arm, then send a reset",
+            Self::EmergencyStop => "look at the arm, then send a reset",
+            Self::RobotSilent => "see to the arm's driver, then reset",
+            Self::FollowingError => "see what holds the arm, then reset",
+            Self::RobotFault => "clear the arm's error (the bridge does), then reset",
+            Self::GuardTripped => "report it: what is planned should pass",
+            Self::GoalSourceSilent => "see to the client, then reset",
+            Self::TargetsUnread => "see to the arm's driver; reset if latched",
+            Self::StillMoving => "reset again when the state is fault",
+            Self::RobotNotAtRest => "clear the arm's error, let it rest, reset again",
+        }
+    }
+}
+
 /// A joint angle array that only holds finite numbers.
 pub fn all_finite(values: &Joints) -> bool {
     values.iter().all(|value| value.is_finite())

@@ -252,6 +252,10 @@ fn the_document_lists_every_code_with_the_words_of_the_program() {
     listed!(CommandKind);
     listed!(Phase);
     listed!(Reason);
+    for reason in Reason::ALL {
+        let row = format!("| `{reason:?}` | {} | {} |", reason.text(), reason.remedy());
+        assert!(text.lines().any(|line| line.ends_with(&row)), "{row}");
+    }
     for (name, bit) in &codes().last().expect("the bits").1 {
         assert!(!rows(&format!("| {bit} | `{name}` |")).is_empty(), "{name}");
     }

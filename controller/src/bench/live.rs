@@ -11,6 +11,7 @@ use crate::services;
 use crate::session::Instance;
 use crate::step::{Controller, Setup};
 use crate::timing::Timing;
+use crate::voice;
 use anyhow::{Context, Result};
 use iceoryx2::prelude::Config;
 use shared::arm::LEVEL_POSTURE_RAD;
@@ -38,6 +39,7 @@ pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)>
     let session = instance.start()?;
     let queues = Queues::new(false);
     let node = services::node(session.config())?;
+    let (_speaker, voice) = voice::start(false)?;
     let mut newest = Status::default();
     let timing = std::thread::scope(|scope| {
         let (config, queues) = (session.config(), &queues);
@@ -50,7 +52,7 @@ pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)>
         if ready.recv().is_err() {
             return thread.join().expect("the loop's thread does not panic");
         }
-        let mut bridge = Bridge::new(&node)?;
+        let mut bridge = Bridge::new(&node, voice)?;
         session.announce()?;
         let (told_arm, told_client) = (report.clone(), report);
         let target_ns = rate.cycle_ns() * u64::from(rate.cycles_per_target());

@@ -10,7 +10,7 @@ pub use parts::Parts;
 use crate::rt;
 use crate::serve::Rate;
 use crate::timing::{Cost, Percentiles, Timing, write_hgrm};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use hdrhistogram::Histogram;
 use shared::blob::Blob;
 use std::fs::File;
@@ -96,7 +96,10 @@ struct Noted {
 pub fn run(settings: &Settings) -> Result<Report> {
     // Before the measurement, which takes its time, and not after it.
     if let Some(folder) = settings.histograms {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        std::fs::create_dir_all(folder).map_err(|error| {
+            let name = folder.display();
+            anyhow!("cannot create {name}: {error}; give --histograms a folder that you may write to")
+        })?;
     }
     let _awake = rt::keep_processors_awake();
     let processors = rt::processors();

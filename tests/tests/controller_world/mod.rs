@@ -91,12 +91,17 @@ impl World {
     }
 
     pub fn controller(&self, more: &[&str]) -> Process {
+        self.controller_that_tells(self.log(), more)
+    }
+
+    /// A controller whose standard error is `words`.
+    pub fn controller_that_tells(&self, words: impl Into<Stdio>, more: &[&str]) -> Process {
         let child = Command::new(program("controller"))
             .arg("--policy")
             .arg(self.path("policy.blob"))
             .args(["--instance", &self.instance, "--robot-timeout-ms", "2000"])
             .args(more)
-            .stderr(self.log())
+            .stderr(words)
             .spawn()
             .expect("the controller starts");
         Process(child)
@@ -153,12 +158,17 @@ pub fn idle(status: &Status) -> bool {
     status.state == Phase::Idle.code()
 }
 
-/// Asks a process to end as an operator does, and returns whether it ended well.
-pub fn terminate(process: &mut Process) -> bool {
+/// Sends a signal, by its name without SIG.
+pub fn signal(process: &Process, name: &str) {
     let done = Command::new("kill")
-        .args(["-TERM", &process.0.id().to_string()])
+        .args([&format!("-{name}"), &process.0.id().to_string()])
         .status()
         .is_ok_and(|status| status.success());
     assert!(done, "the signal was not sent");
+}
+
+/// Asks a process to end as an operator does, and returns whether it ended well.
+pub fn terminate(process: &mut Process) -> bool {
+    signal(process, "TERM");
     process.0.wait().is_ok_and(|status| status.success())
 }
