@@ -115,6 +115,7 @@ fn a_diagnosis_says_what_matters_for_the_swing_and_says_it_again_when_read_back(
         demos: vec![motion.demo(&track, noise_m, 1)],
         held_out: Vec::new(),
         hashes: vec![1],
+        held_out_hashes: Vec::new(),
     };
     let run = RunFolder::open(&folder.path().join("run")).unwrap();
     let settings = RunSettings::of(Preset::Quick, 1);

@@ -29,6 +29,15 @@ impl Gate {
     }
 }
 
+/// The gate of a refit that was not followed to its end.
+pub(super) fn given_up(evaluations: usize) -> Gate {
+    let detail = format!(
+        "after {evaluations} evaluations its slopes promised no fit near that of another effect; the figures are those \
+         of its last step"
+    );
+    Gate::new("followed to its end", false, detail)
+}
+
 /// Share of the excess over the noise, SSE above floor, that `after` removes from `before`; what the
 /// simulation itself is known to be off by, `numerical_mm` rms, is no excess that physics could remove.
 pub(super) fn excess_removed(before: &ResidualSummary, after: &ResidualSummary, numerical_mm: f64) -> f64 {

@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::explains;
-use super::gates::{Gate, OFF_NOTHING, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, OFF_NOTHING, given_up, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -460,6 +460,9 @@ fn judge(
         passed: false,
     };
     refit.gates = statistical_gates(score, before, &refit, options);
+    if result.stop == StopReason::GivenUp {
+        refit.gates.insert(0, given_up(result.evaluations));
+    }
     refit.passed = refit.gates.iter().all(|g| g.passed);
     Ok((refit, next, result))
 }
