@@ -175,6 +175,11 @@ impl RunFolder {
         self.path.join("diagnosis.json")
     }
 
+    /// What an unfinished diagnosis has come to; removed once it is done.
+    pub fn memory(&self) -> PathBuf {
+        self.path.join("diagnosis.part")
+    }
+
     /// What the rope is.
     pub fn model(&self) -> PathBuf {
         self.path.join("model.toml")

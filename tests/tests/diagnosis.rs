@@ -7,8 +7,8 @@ use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations};
 use offline::diagnose::{
-    LoopOptions, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems, proposed_demo,
-    residual_force, separating, still_alike,
+    LoopOptions, Memory, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems,
+    proposed_demo, residual_force, resume_loop, separating, still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
@@ -16,6 +16,7 @@ use offline::model::Structure;
 use offline::pipeline::{Inputs, Preset, RunSettings, identify};
 use offline::residual::ResidualSummary;
 use offline::run_files::RunFolder;
+use std::cell::RefCell;
 use std::time::Instant;
 use tests::sample_rope::shipped_demos;
 
@@ -71,6 +72,37 @@ fn the_shipped_rope_lacks_its_tip_mass_and_nothing_else() {
         panic!("{}", outcome.verdict);
     };
     assert_eq!(effects, ["tip_mass"]);
+}
+
+/// What a killed diagnosis had kept before its second round leads to the same end, to the last bit.
+#[test]
+fn a_diagnosis_goes_on_from_what_it_kept_before_a_round() {
+    let part = |id: &str, values: &[f64]| Part {
+        id: id.into(),
+        values: values.to_vec(),
+    };
+    let causes = [part("tilted_gravity", &[0.08, 0.05]), part("tip_mass", &[0.006])];
+    let motion = MOTIONS[1];
+    let track = Finer.tracks(0.4e6, &causes, &[motion]).unwrap().remove(0);
+    let demo = motion.demo(&track, 0.001, 1);
+    let mut options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
+    options.hidden = (0..effects::ALL.len())
+        .filter(|&e| causes.iter().all(|cause| cause.id != effects::ALL[e].id))
+        .collect();
+    let kept = RefCell::new(Vec::new());
+    let keep = |memory: &Memory| kept.borrow_mut().push(postcard::to_stdvec(memory).unwrap());
+    let say = |line: &str| println!("{line}");
+    let whole = resume_loop(&[&demo], &[], &options, None, &keep, &say).unwrap();
+    let memory = postcard::from_bytes(&kept.borrow()[0]).unwrap();
+    let again = resume_loop(&[&demo], &[], &options, Some(memory), &|_| (), &say).unwrap();
+    assert_eq!(whole.rounds, again.rounds);
+    assert_eq!(whole.verdict, again.verdict);
+    assert_eq!(whole.fitted.best.theta, again.fitted.best.theta);
+    assert_eq!(whole.grid_shift, again.grid_shift);
+    assert_eq!(
+        (whole.base.stop, whole.base.evaluations, &whole.base.ends),
+        (again.base.stop, again.base.evaluations, &again.base.ends)
+    );
 }
 
 /// A tilt that no effect of the library may explain is left over, and described as what it is: a steady push sideways.
@@ -167,7 +199,6 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
                 untested: Vec::new(),
             },
             refits: vec![Refit {
-                effect: effect(rival.0),
                 id: rival.0.into(),
                 parameters: Vec::new(),
                 theta: rival.1.to_vec(),

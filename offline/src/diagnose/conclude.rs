@@ -207,7 +207,6 @@ mod tests {
                 untested: Vec::new(),
             },
             refits: vec![Refit {
-                effect: 0,
                 id: effects::ALL[0].id.into(),
                 parameters: Vec::new(),
                 theta: Vec::new(),

@@ -58,7 +58,7 @@ pub(super) fn statistical_gates(
     refit: &Refit,
     options: &LoopOptions,
 ) -> Vec<Gate> {
-    let spec = &effects::ALL[score.effect];
+    let spec = &effects::ALL[score.effect()];
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
     // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.

@@ -9,6 +9,7 @@
 mod conclude;
 mod force;
 mod gates;
+mod memory;
 mod next;
 mod noise;
 mod round;
@@ -19,12 +20,13 @@ mod verdict;
 pub use force::terms::{STABLE, TermShare};
 pub use force::{DemoForce, ResidualForce, residual_force};
 pub use gates::Gate;
+pub use memory::Memory;
 pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks};
 pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
 };
 pub use noise::Noise;
 pub use round::{Refit, Round};
-pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems};
+pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
 pub use score::{Score, ScoreTable, Untested};
 pub use verdict::{ReasonCode, Verdict};

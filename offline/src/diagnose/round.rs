@@ -18,9 +18,6 @@ use serde::{Deserialize, Serialize};
 /// A full refit with one more effect.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refit {
-    /// Index into [`effects::ALL`].
-    #[serde(skip)]
-    pub effect: usize,
     /// Name of the effect.
     pub id: String,
     /// Parameters of the effect.
@@ -224,7 +221,7 @@ fn refit_leading(
         let mut ended: Vec<(&Score, Tried)> = heats
             .into_par_iter()
             .filter_map(|(score, fit)| {
-                let fit = to_the_end(bench, &structure.with(score.effect), fit, least);
+                let fit = to_the_end(bench, &structure.with(score.effect()), fit, least);
                 Some((score, judged(score, fit)?))
             })
             .collect();
@@ -255,7 +252,7 @@ fn from_elsewhere(
     if cost > HOPELESS * least {
         return None;
     }
-    let next = structure.with(score.effect);
+    let next = structure.with(score.effect());
     let others = OTHER_SIZES.par_iter().filter_map(|&size| {
         let theta = start(fitted, structure, score, size);
         let budget = Budget {
@@ -275,9 +272,12 @@ fn from_elsewhere(
 fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
     let best = table.scores.first().map_or(0.0, |s| s.statistic);
     let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
-    let nuisance = |s: &Score| effects::ALL[s.effect].nuisance;
+    let nuisance = |s: &Score| effects::ALL[s.effect()].nuisance;
     let all: Vec<&Score> = table.scores.iter().filter(worth).collect();
-    let ranked = all.iter().copied().filter(|s| !(nuisance(s) || flows(s.effect)));
+    let ranked = all
+        .iter()
+        .copied()
+        .filter(|s| !(nuisance(s) || flows(s.effect())));
     let ranked: Vec<&Score> = ranked.collect();
     let family: &[String] = ranked.first().map_or(&[], |best| &best.family);
     let early =
@@ -387,7 +387,7 @@ fn heats<'a>(
     let more = budget(HEAT_EVALUATIONS - SPRINT_EVALUATIONS);
     let ahead = runners
         .into_par_iter()
-        .map(|(score, fit)| (score, further(bench, &structure.with(score.effect), fit, more)));
+        .map(|(score, fit)| (score, further(bench, &structure.with(score.effect()), fit, more)));
     let mut heats: Vec<(&Score, FitResult)> = ahead.collect();
     heats.extend(behind);
     heats
@@ -396,7 +396,11 @@ fn heats<'a>(
 /// Where a refit starts: at the one-step estimate, as many times as large as `larger` says.
 fn start(fitted: &FitResult, structure: &Structure, score: &Score, larger: f64) -> Vec<f64> {
     let mut theta = told(fitted, structure);
-    for (p, e) in effects::ALL[score.effect].parameters.iter().zip(&score.estimate) {
+    for (p, e) in effects::ALL[score.effect()]
+        .parameters
+        .iter()
+        .zip(&score.estimate)
+    {
         // A one-step estimate can overshoot; half the physical range is a safe start.
         let safe = [p.low, p.high].map(|end| 0.5 * (end + p.vanishes_at));
         theta.push((p.vanishes_at + larger * e).clamp(safe[0], safe[1]));
@@ -413,7 +417,7 @@ fn started(
     budget: Budget,
 ) -> Result<FitResult, FitError> {
     let theta = start(fitted, structure, score, 1.0);
-    fit_from(&bench.fit, &structure.with(score.effect), theta, budget)
+    fit_from(&bench.fit, &structure.with(score.effect()), theta, budget)
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
@@ -444,13 +448,12 @@ fn judge(
     before: (&ResidualSummary, &ResidualSummary),
     options: &LoopOptions,
 ) -> Result<Tried, FitError> {
-    let next = structure.with(score.effect);
-    let spec = &effects::ALL[score.effect];
+    let next = structure.with(score.effect());
+    let spec = &effects::ALL[score.effect()];
     let held_out = bench.held_out.residuals(&next, &result.best.theta)?;
     let all = estimates(&result.best, &next);
     let first = all.len() - spec.parameters.len();
     let mut refit = Refit {
-        effect: score.effect,
         id: spec.id.into(),
         parameters: all[first..].to_vec(),
         theta: result.best.theta.clone(),
@@ -505,7 +508,6 @@ mod tests {
 
     fn score(id: &str, statistic: f64, threshold: f64, family: &[&str]) -> Score {
         Score {
-            effect: effects::find(id).expect("in the registry"),
             id: id.into(),
             statistic,
             threshold,

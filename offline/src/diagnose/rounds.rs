@@ -2,6 +2,7 @@
 
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
 use super::gates::all_physical;
+use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::{Found, Round, Standing, one_round};
 use super::verdict::{ReasonCode, Verdict};
@@ -216,7 +217,7 @@ pub fn fit_only(
 ) -> Result<BaseFit, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let structure = Structure::default();
-    let (fitted, noise) = fit_base(&mut bench, options, progress)?;
+    let (fitted, noise) = fit_base(&mut bench, options, None, progress)?;
     progress("estimating what the grid itself may have moved");
     Ok(BaseFit {
         held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
@@ -230,10 +231,16 @@ pub fn fit_only(
 fn fit_base(
     bench: &mut Bench,
     options: &LoopOptions,
+    kept: Option<&KeptFit>,
     progress: &dyn Fn(&str),
 ) -> Result<(FitResult, Option<Noise>), FitError> {
-    progress("fitting the base model from several starts");
-    let mut base = fit(&bench.fit, &Structure::default(), &options.fit)?;
+    let mut base = match kept {
+        Some(kept) => kept.again(&bench.fit)?,
+        None => {
+            progress("fitting the base model from several starts");
+            fit(&bench.fit, &Structure::default(), &options.fit)?
+        }
+    };
     let noise = Noise::at_rest(&bench.fit, &base.best);
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
@@ -254,17 +261,53 @@ pub fn close_loop(
     options: &LoopOptions,
     progress: &dyn Fn(&str),
 ) -> Result<Outcome, FitError> {
+    resume_loop(demos, held_out, options, None, &|_| (), progress)
+}
+
+/// The same, from what an earlier loop over the same data with the same options had come to; `keep` is given that
+/// before every further round.
+///
+/// # Errors
+/// The base model cannot be fitted.
+pub fn resume_loop(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    options: &LoopOptions,
+    earlier: Option<Memory>,
+    keep: &dyn Fn(&Memory),
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let structure = Structure::default();
-    let (base, noise) = fit_base(&mut bench, options, progress)?;
+    let kept = earlier.as_ref().map(|memory| &memory.base);
+    let (base, noise) = fit_base(&mut bench, options, kept, progress)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
-    let start = Standing {
-        fitted: bench.again(&structure, &base.best.theta)?,
-        structure,
-        held: ResidualSummary::of(&held_out_before),
-        rivals: Vec::new(),
+    let start = match earlier {
+        Some(memory) => SoFar {
+            now: memory.now.again(&bench)?,
+            on_trial_since: memory.on_trial_since.map(|kept| kept.again(&bench)).transpose()?,
+            rounds: memory.rounds,
+        },
+        None => SoFar {
+            now: Standing {
+                fitted: bench.again(&structure, &base.best.theta)?,
+                structure,
+                held: ResidualSummary::of(&held_out_before),
+                rivals: Vec::new(),
+            },
+            on_trial_since: None,
+            rounds: Vec::new(),
+        },
     };
-    let (end, rounds, library) = all_rounds(&bench, start, options, progress)?;
+    let keep = |stage: &SoFar| {
+        keep(&Memory {
+            base: KeptFit::of(&base),
+            now: KeptModel::of(&stage.now),
+            on_trial_since: stage.on_trial_since.as_ref().map(KeptModel::of),
+            rounds: stage.rounds.clone(),
+        });
+    };
+    let (end, rounds, library) = all_rounds(&bench, start, options, &keep, progress)?;
     let Standing {
         structure,
         fitted,
@@ -301,6 +344,14 @@ pub fn close_loop(
     })
 }
 
+/// How far the loop has come.
+struct SoFar {
+    now: Standing,
+    /// The model before the effect that goes along on trial.
+    on_trial_since: Option<Standing>,
+    rounds: Vec<Round>,
+}
+
 /// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
 /// slopes of the last of them.
 ///
@@ -309,43 +360,51 @@ pub fn close_loop(
 /// accepted where they explain it together, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
-    start: Standing,
+    mut at: SoFar,
     options: &LoopOptions,
+    keep: &dyn Fn(&SoFar),
     progress: &dyn Fn(&str),
 ) -> Result<(Standing, Vec<Round>, Option<Library>), FitError> {
-    let (mut now, mut rounds, mut library) = (start, Vec::<Round>::new(), None);
-    let mut on_trial_since: Option<Standing> = None;
-    let mut done = false;
-    while !done
-        && now.structure.effects.len() < options.max_effects
-        && ResidualSummary::of(&now.fitted.best).floors > WHITE_FLOORS
-        && !only_numerical(&now.fitted, &rounds, bench.doubt(&now.fitted))
-    {
-        let (round, found, slopes) = one_round(bench, &now, options, progress)?;
-        match (found, on_trial_since.take()) {
-            (Found::Accepted(next), None) => now = next,
-            (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &rounds) => {
-                if let Some(trial) = rounds.last_mut() {
-                    trial.accepted = now.last_effect();
+    let (mut library, mut done) = (None, false);
+    while !done && at.goes_on(bench, options) {
+        if !at.rounds.is_empty() {
+            keep(&at);
+        }
+        let (round, found, slopes) = one_round(bench, &at.now, options, progress)?;
+        match (found, at.on_trial_since.take()) {
+            (Found::Accepted(next), None) => at.now = next,
+            (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &at.rounds) => {
+                if let Some(trial) = at.rounds.last_mut() {
+                    trial.accepted = at.now.last_effect();
                 }
-                now = next;
+                at.now = next;
             }
             (_, Some(before)) => {
                 progress("the effect on trial does not explain it in company either");
                 // What this round says is said of a model that is given up.
-                now = before;
+                at.now = before;
                 break;
             }
             (Found::InCompany(next), None) if next.structure.effects.len() < options.max_effects => {
                 progress("nothing passes alone: the best goes along on trial");
-                on_trial_since = Some(std::mem::replace(&mut now, next));
+                at.on_trial_since = Some(std::mem::replace(&mut at.now, next));
             }
             (_, None) => done = true,
         }
-        rounds.push(round);
+        at.rounds.push(round);
         library = Some(slopes);
     }
-    Ok((on_trial_since.unwrap_or(now), rounds, library))
+    Ok((at.on_trial_since.unwrap_or(at.now), at.rounds, library))
+}
+
+impl SoFar {
+    /// Whether there is something left that a further round could explain.
+    fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
+        let fitted = &self.now.fitted;
+        self.now.structure.effects.len() < options.max_effects
+            && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
+            && !only_numerical(fitted, &self.rounds, bench.doubt(fitted))
+    }
 }
 
 /// Whether a model explains what one before it left, with physical values throughout.
@@ -365,7 +424,7 @@ fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
 
 impl Bench<'_> {
     /// The evaluation at a known optimum, with the noise as it is set now.
-    fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
+    pub(super) fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
         fit_from(&self.fit, structure, theta.to_vec(), 1)
     }
 }

@@ -13,9 +13,6 @@ use std::ops::Range;
 /// How well one effect would explain the residual, to first order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Index into [`effects::ALL`].
-    #[serde(skip)]
-    pub effect: usize,
     /// Name of the effect.
     pub id: String,
     /// Predicted drop of the whitened sum of squares.
@@ -38,6 +35,11 @@ pub struct Score {
 }
 
 impl Score {
+    /// Index into [`effects::ALL`].
+    pub fn effect(&self) -> usize {
+        effects::find(&self.id).expect("the registry scored it")
+    }
+
     /// Whether data without any effect would rarely give as much.
     pub fn significant(&self) -> bool {
         self.statistic > self.threshold
@@ -259,7 +261,6 @@ impl ScoreProblem {
         let mine = &views[self.view(index)].traces[index] * &own.direction;
         let raw = &block.columns * &own.direction;
         Score {
-            effect: block.effect,
             id: name(index),
             statistic: own.statistic,
             threshold,

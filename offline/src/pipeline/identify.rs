@@ -5,15 +5,15 @@ use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, LoopOptions, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round, SwingRisks, Verdict,
-    advise, close_loop, residual_force,
+    Advice, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round, SwingRisks,
+    Verdict, advise, residual_force, resume_loop,
 };
 use crate::effects;
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
 use crate::model_file::ModelFile;
 use crate::residual::{ResidualMap, ResidualSummary};
-use crate::run_files::{RunFolder, kept, write_whole};
+use crate::run_files::{RunFolder, kept, read_sealed, seal, write_whole};
 use serde::{Deserialize, Serialize};
 
 /// What is known about the rope after the first half.
@@ -73,7 +73,7 @@ pub fn identify(
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
-            let mut outcome = close_loop(&demos, &held_out, &options, progress)?;
+            let mut outcome = diagnosed(&demos, &held_out, &options, (run, key), progress)?;
             let force = force_left(&demos, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
@@ -84,6 +84,8 @@ pub fn identify(
                 separating_demonstration.clone_from(&advice.next_demonstration.in_words);
             }
             save(run, key, &outcome, force.as_ref(), &advice)?;
+            // Whether or not it can be removed: from here on nobody reads it.
+            let _ = std::fs::remove_file(run.memory());
             (outcome, force, advice)
         }
     };
@@ -99,6 +101,35 @@ pub fn identify(
         model_hash: model.hash(),
         model,
     })
+}
+
+/// Kind and version of the file that holds what an unfinished diagnosis has come to.
+const MEMORY: &[u8; 8] = b"gnmloop1";
+
+/// The loop, from where a killed run left it.
+fn diagnosed(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    options: &LoopOptions,
+    (run, key): (&RunFolder, u64),
+    progress: &dyn Fn(&str),
+) -> anyhow::Result<Outcome> {
+    let path = run.memory();
+    let earlier = read_sealed(MEMORY, &path).ok();
+    let earlier = earlier.and_then(|bytes| postcard::from_bytes::<(u64, Memory)>(&bytes).ok());
+    let earlier = earlier.filter(|(of, _)| *of == key).map(|(_, memory)| memory);
+    if earlier.is_some() {
+        progress("going on from the last round of a diagnosis that was not finished");
+    }
+    let keep = |memory: &Memory| {
+        let bytes = postcard::to_stdvec(&(key, memory)).expect("plain numbers and text");
+        if let Err(error) = write_whole(&path, &seal(MEMORY, &bytes)) {
+            progress(&format!(
+                "if it is killed now, the diagnosis starts anew: {error}"
+            ));
+        }
+    };
+    Ok(resume_loop(demos, held_out, options, earlier, &keep, progress)?)
 }
 
 /// What is left as a force, where nothing explains it.

@@ -99,7 +99,6 @@ fn score(id: &str, statistic: f64) -> Score {
     let effect = effects::find(id).expect("in the registry");
     let count = effects::ALL[effect].parameters.len();
     Score {
-        effect,
         id: id.to_owned(),
         statistic,
         threshold: 50.0,
@@ -133,7 +132,6 @@ fn round() -> Round {
             untested: Vec::new(),
         },
         refits: vec![Refit {
-            effect: 0,
             id: "tip_mass".to_owned(),
             parameters: Vec::new(),
             theta: Vec::new(),

@@ -1,0 +1,82 @@
+//! What the loop has come to before a further round, so that a diagnosis that was killed goes on from there and finds
+//! the same.
+
+use super::round::{Round, Standing};
+use super::rounds::Bench;
+use crate::effects;
+use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
+use crate::model::Structure;
+use crate::residual::ResidualSummary;
+use serde::{Deserialize, Serialize};
+
+/// The loop before a further round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    pub(super) base: KeptFit,
+    pub(super) now: KeptModel,
+    pub(super) on_trial_since: Option<KeptModel>,
+    pub(super) rounds: Vec<Round>,
+}
+
+/// A fit by where it ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct KeptFit {
+    theta: Vec<f64>,
+    stop: StopReason,
+    evaluations: usize,
+    ends: Vec<(f64, f64)>,
+}
+
+/// A model of the loop by its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct KeptModel {
+    effects: Vec<String>,
+    theta: Vec<f64>,
+    rivals: Vec<String>,
+}
+
+impl KeptFit {
+    pub(super) fn of(fit: &FitResult) -> Self {
+        Self {
+            theta: fit.best.theta.clone(),
+            stop: fit.stop,
+            evaluations: fit.evaluations,
+            ends: fit.ends.clone(),
+        }
+    }
+
+    /// The same fit of the base model, evaluated once more.
+    pub(super) fn again(&self, problem: &Problem) -> Result<FitResult, FitError> {
+        let fit = fit_from(problem, &Structure::default(), self.theta.clone(), 1)?;
+        Ok(FitResult {
+            stop: self.stop,
+            evaluations: self.evaluations,
+            ends: self.ends.clone(),
+            ..fit
+        })
+    }
+}
+
+impl KeptModel {
+    pub(super) fn of(standing: &Standing) -> Self {
+        let effects = standing.structure.effects.iter();
+        Self {
+            effects: effects.map(|&e| effects::ALL[e].id.into()).collect(),
+            theta: standing.fitted.best.theta.clone(),
+            rivals: standing.rivals.clone(),
+        }
+    }
+
+    /// The same model, evaluated once more.
+    pub(super) fn again(&self, bench: &Bench) -> Result<Standing, FitError> {
+        let structure = Structure {
+            effects: self.effects.iter().filter_map(|id| effects::find(id)).collect(),
+        };
+        Ok(Standing {
+            fitted: bench.again(&structure, &self.theta)?,
+            held: ResidualSummary::of(&bench.held_out.residuals(&structure, &self.theta)?),
+            rivals: self.rivals.clone(),
+            structure,
+        })
+    }
+}
