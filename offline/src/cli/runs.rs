@@ -111,7 +111,7 @@ impl Job<'_> {
         let mut summary = summary_of(&identified, run);
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
-            // What comes before has nothing to save half-way: there Ctrl-C ends the program at once.
+            // What comes before is kept round by round: there Ctrl-C ends the program at once.
             catch_interrupt()?;
             let watch = Watch {
                 progress: &|p| reporter.advance(p),
