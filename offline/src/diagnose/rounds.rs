@@ -283,28 +283,20 @@ pub fn resume_loop(
     let (base, noise) = fit_base(&mut bench, options, kept, progress)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
-        Some(memory) => SoFar {
-            now: memory.now.again(&bench)?,
-            on_trial_since: memory.on_trial_since.map(|kept| kept.again(&bench)).transpose()?,
-            rounds: memory.rounds,
-        },
-        None => SoFar {
-            now: Standing {
-                fitted: bench.again(&structure, &base.best.theta)?,
-                structure,
-                held: ResidualSummary::of(&held_out_before),
-                rivals: Vec::new(),
-            },
-            on_trial_since: None,
-            rounds: Vec::new(),
-        },
+        Some(memory) => SoFar::again(memory, &bench)?,
+        None => SoFar::of(Standing {
+            fitted: bench.again(&structure, &base.best.theta)?,
+            structure,
+            held: ResidualSummary::of(&held_out_before),
+            rivals: Vec::new(),
+        }),
     };
-    let keep = |stage: &SoFar| {
+    let keep = |so_far: &SoFar| {
         keep(&Memory {
             base: KeptFit::of(&base),
-            now: KeptModel::of(&stage.now),
-            on_trial_since: stage.on_trial_since.as_ref().map(KeptModel::of),
-            rounds: stage.rounds.clone(),
+            now: KeptModel::of(&so_far.now),
+            on_trial_since: so_far.on_trial_since.as_ref().map(KeptModel::of),
+            rounds: so_far.rounds.clone(),
         });
     };
     let (end, rounds, library) = all_rounds(&bench, start, options, &keep, progress)?;
@@ -398,6 +390,24 @@ fn all_rounds(
 }
 
 impl SoFar {
+    /// The loop before its first round.
+    fn of(start: Standing) -> Self {
+        Self {
+            now: start,
+            on_trial_since: None,
+            rounds: Vec::new(),
+        }
+    }
+
+    /// The loop where a killed one was.
+    fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
+        Ok(Self {
+            now: memory.now.again(bench)?,
+            on_trial_since: memory.on_trial_since.map(|kept| kept.again(bench)).transpose()?,
+            rounds: memory.rounds,
+        })
+    }
+
     /// Whether there is something left that a further round could explain.
     fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
         let fitted = &self.now.fitted;
