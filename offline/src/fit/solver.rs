@@ -146,8 +146,8 @@ const STEP_TOLERANCE: f64 = 0.1;
 /// several standard errors away from the minimum.)
 const SMALL_DECREASE: f64 = 0.5 * STEP_TOLERANCE * STEP_TOLERANCE;
 
-/// Share of the cost by which rounding and the assignment of points move it from one θ to the next: costs within
-/// 3e-4 of each other came in any order where six fits of bench cells had ended.
+/// Share of the cost by which rounding and the assignment of points move it from one θ to the next: where fits of a
+/// bench cell had come to rest, costs within about 3e-4 of each other came in any order.
 const COST_NOISE: f64 = 3e-4;
 /// How many times what a step promises a whole descent may come down at most: rope is no linear thing, and descents
 /// of bench cells came down by up to 3.3 times the promise of their first step.
