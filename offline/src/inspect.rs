@@ -1,6 +1,6 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
-use crate::run_files::{Fnv64, RunFolder, read_whole};
+use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -125,10 +125,6 @@ fn answer(blob: &Blob, rope: &RopeEntry, goal_x_m: f64) -> Answer {
         release_m,
         flange_m: blob.frame.flange_m(release_m),
     }
-}
-
-fn hex(hash: u64) -> String {
-    format!("{hash:016x}")
 }
 
 impl fmt::Display for BlobReport {

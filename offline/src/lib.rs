@@ -31,3 +31,6 @@ pub mod train;
 pub mod trained;
 
 pub mod verify;
+
+/// Name and version of the program, as what it writes names its maker.
+pub const PROGRAM: &str = concat!("offline ", env!("CARGO_PKG_VERSION"));

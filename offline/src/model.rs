@@ -41,6 +41,18 @@ pub struct Structure {
 }
 
 impl Structure {
+    /// The structure of the effects with these names; unknown ones are left out.
+    pub fn of_ids(ids: &[String]) -> Self {
+        Self {
+            effects: ids.iter().filter_map(|id| effects::find(id)).collect(),
+        }
+    }
+
+    /// Names of the effects.
+    pub fn ids(&self) -> Vec<String> {
+        self.effects.iter().map(|&e| effects::ALL[e].id.into()).collect()
+    }
+
     /// The same structure with one more effect.
     pub fn with(&self, effect: usize) -> Self {
         let mut effects = self.effects.clone();

@@ -140,6 +140,11 @@ impl Fnv64 {
     }
 }
 
+/// A hash as files and people have it: hexadecimal.
+pub fn hex(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
 /// The folder `runs/<name>/` and the names of the files in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunFolder {

@@ -2,18 +2,12 @@
 //! and no panic where a reader has gone or a disk is full.
 #![cfg(feature = "train")]
 
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
+mod program;
+
+use program::offline;
+use std::process::{Output, Stdio};
 
 const FIT: &str = "offline/demos/sample-rope/fit";
-
-fn offline(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_offline"));
-    command
-        .args(arguments)
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap());
-    command
-}
 
 /// Exit code and what stands on standard error.
 fn refusal(arguments: &[&str]) -> (Option<i32>, String) {

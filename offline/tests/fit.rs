@@ -1,15 +1,9 @@
 //! `offline fit` as a user calls it: the base model's fit alone, and what it leaves behind.
+#![cfg(feature = "train")]
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod program;
 
-fn offline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_offline"))
-        .args(arguments)
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap())
-        .output()
-        .unwrap()
-}
+use program::offline;
 
 #[test]
 fn a_fit_says_what_it_found_and_that_nobody_has_looked_for_more() {
@@ -17,7 +11,9 @@ fn a_fit_says_what_it_found_and_that_nobody_has_looked_for_more() {
     let out = folder.path().join("run");
     std::fs::create_dir(&out).unwrap();
     std::fs::write(out.join("diagnosis.json"), "{}").unwrap();
-    let output = offline(&["fit", "--json", "--out", out.to_str().unwrap()]);
+    let output = offline(&["fit", "--json", "--out", out.to_str().unwrap()])
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{output:?}");
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(

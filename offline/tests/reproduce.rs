@@ -2,13 +2,14 @@
 //! second run that goes on where the first one ended.
 #![cfg(feature = "train")]
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod program;
 
-fn offline(arguments: &[&str], out: &Path) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_offline"))
-        .arg("reproduce")
-        .args(arguments)
+use program::offline;
+use std::path::Path;
+use std::process::Output;
+
+fn reproduce(arguments: &[&str], out: &Path) -> Output {
+    offline(&[&["reproduce"], arguments].concat())
         .arg("--out")
         .arg(out)
         .output()
@@ -33,9 +34,9 @@ const TINY: [&str; 10] = [
 fn a_tiny_table_has_all_rows_and_repeats() {
     let folder = tempfile::tempdir().unwrap();
     let (first, second) = (folder.path().join("a"), folder.path().join("b"));
-    let one = offline(&[&TINY[..], &["--threads", "1"]].concat(), &first);
+    let one = reproduce(&[&TINY[..], &["--threads", "1"]].concat(), &first);
     assert!(one.status.success(), "{}", String::from_utf8_lossy(&one.stderr));
-    let two = offline(&[&TINY[..], &["--threads", "2"]].concat(), &second);
+    let two = reproduce(&[&TINY[..], &["--threads", "2"]].concat(), &second);
     assert_eq!(one.stdout, two.stdout);
     let tables: serde_json::Value = serde_json::from_slice(&one.stdout).unwrap();
     let rows = tables[0]["rows"].as_array().unwrap();
@@ -53,7 +54,7 @@ fn a_tiny_table_has_all_rows_and_repeats() {
             .join("gradient-all-paper-particles-0.json"),
     )
     .unwrap();
-    let again = offline(&TINY, &first);
+    let again = reproduce(&TINY, &first);
     assert_eq!(again.stdout, one.stdout);
     assert_eq!(std::fs::metadata(&estimate).unwrap().modified().unwrap(), before);
 }
@@ -62,7 +63,7 @@ fn a_tiny_table_has_all_rows_and_repeats() {
 fn only_the_estimators_that_were_asked_for_are_made() {
     let folder = tempfile::tempdir().unwrap();
     let only = [&TINY[..], &["--only", "gradient-last-paper"]].concat();
-    let made = offline(&only, folder.path());
+    let made = reproduce(&only, folder.path());
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let tables: serde_json::Value = serde_json::from_slice(&made.stdout).unwrap();
     let rows = tables[0]["rows"].as_array().unwrap();
@@ -79,9 +80,13 @@ fn wrong_use_is_refused() {
         &["sim2sim", "--only", "theirs"],
         &["coverage", "--noise-mm", "0"],
     ] {
-        assert_eq!(offline(wrong, folder.path()).status.code(), Some(2), "{wrong:?}");
+        assert_eq!(
+            reproduce(wrong, folder.path()).status.code(),
+            Some(2),
+            "{wrong:?}"
+        );
     }
-    let missing = offline(&["real2sim", "--demo", "no-such-folder"], folder.path());
+    let missing = reproduce(&["real2sim", "--demo", "no-such-folder"], folder.path());
     assert_eq!(missing.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&missing.stderr).contains("no-such-folder"));
 }

@@ -1,16 +1,14 @@
 //! `offline simulate` as a user calls it: a rope moved as in a demonstration, and one that swings.
+#![cfg(feature = "train")]
+
+mod program;
 
 use offline::demo::Demo;
-use std::path::Path;
-use std::process::{Command, Output};
+use program::offline;
+use std::process::Output;
 
 fn simulate(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_offline"))
-        .arg("simulate")
-        .args(arguments)
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap())
-        .output()
-        .unwrap()
+    offline(&[&["simulate"], arguments].concat()).output().unwrap()
 }
 
 fn json(arguments: &[&str]) -> serde_json::Value {

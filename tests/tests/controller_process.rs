@@ -4,7 +4,7 @@ mod controller_world;
 
 use controller::sample;
 use controller_world::limit_check::limits_hold_at;
-use controller_world::{PATIENCE, Process, World, await_status, idle, program, terminate};
+use controller_world::{PATIENCE, Process, World, await_status, idle, in_phase, program, terminate};
 use offline::demo::{Demo, SceneKind};
 use shared::arm;
 use shared::messages::{CommandKind, Gripper, JointTarget, Phase, Reason};
@@ -150,13 +150,9 @@ fn an_emergency_stop_latches_until_a_reset() {
     let mut targets = Vec::new();
     await_status(&mut client, &mut targets, idle);
     let id = client.send_goal(0, 0.33).expect("sent");
-    await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Approach.code()
-    });
+    await_status(&mut client, &mut targets, in_phase(Phase::Approach));
     client.send_command(CommandKind::EmergencyStop).expect("sent");
-    let status = await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Fault.code()
-    });
+    let status = await_status(&mut client, &mut targets, in_phase(Phase::Fault));
     assert_eq!(status.latch_reason, Reason::EmergencyStop.code());
     assert_eq!(
         (status.finished_goal_id, status.finished_reason),

@@ -7,7 +7,7 @@ mod controller_world;
 use controller::client::Client;
 use controller::{clock, rt};
 use controller_world::limit_check::LimitCheck;
-use controller_world::{PATIENCE, Process, World, idle, program, terminate};
+use controller_world::{PATIENCE, Process, World, idle, in_phase, program, terminate};
 use shared::messages::{CommandKind, GOAL_MAGIC, Goal, Phase, Reason, Status};
 use std::io::Read;
 use std::path::Path;
@@ -196,7 +196,7 @@ fn stop(client: &mut Client, emergency: bool) {
         client.send_command(CommandKind::Cancel).expect("sent");
     } else {
         client.send_command(CommandKind::EmergencyStop).expect("sent");
-        status_where(client, |status| status.state == Phase::Fault.code()).expect("a stop latches");
+        status_where(client, in_phase(Phase::Fault)).expect("a stop latches");
         loop {
             let id = client.send_command(CommandKind::Reset).expect("sent");
             let status = status_where(client, |status| status.command_id == id).expect("an answer");

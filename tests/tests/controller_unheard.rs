@@ -4,7 +4,7 @@
 mod controller_world;
 
 use controller_world::limit_check::limits_hold_at;
-use controller_world::{Process, World, await_status, idle, signal, terminate};
+use controller_world::{Process, World, await_status, idle, in_phase, signal, terminate};
 use shared::messages::{CommandKind, JointTarget, Phase, Reason};
 use shared::recording::HEADER_BYTES;
 use std::fs::File;
@@ -53,13 +53,9 @@ fn a_terminal_that_is_closed_stops_the_arm_within_its_limits() {
     let (mut client, mut targets) = (world.client(), Vec::new());
     await_status(&mut client, &mut targets, idle);
     client.send_goal(0, 0.33).expect("sent");
-    await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Approach.code()
-    });
+    await_status(&mut client, &mut targets, in_phase(Phase::Approach));
     signal(&controller, "HUP");
-    await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Ended.code()
-    });
+    await_status(&mut client, &mut targets, in_phase(Phase::Ended));
     assert!(ends_well(&mut controller), "with code 0");
     limits_hold_at(&targets, 0.004).expect("no limit is broken");
     let moves = |target: &JointTarget| target.dq_rad_s.iter().any(|speed| speed.abs() > 1e-6);
@@ -77,13 +73,9 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_goal_nor_an_emergency_stop()
     let (mut client, mut targets) = (world.client(), Vec::new());
     await_status(&mut client, &mut targets, idle);
     client.send_goal(0, 0.33).expect("sent");
-    await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Homing.code()
-    });
+    await_status(&mut client, &mut targets, in_phase(Phase::Homing));
     client.send_command(CommandKind::EmergencyStop).expect("sent");
-    let status = await_status(&mut client, &mut targets, |status| {
-        status.state == Phase::Fault.code()
-    });
+    let status = await_status(&mut client, &mut targets, in_phase(Phase::Fault));
     assert_eq!(status.latch_reason, Reason::EmergencyStop.code());
     assert!(terminate(&mut controller), "and it ends with code 0");
 }

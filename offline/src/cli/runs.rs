@@ -4,18 +4,19 @@ use super::RunArguments;
 use super::output::{note, print};
 use super::progress::Reporter;
 use anyhow::Context;
+use offline::PROGRAM;
 use offline::collect::{DatasetSummary, Watch};
 use offline::diagnose::Advice;
-use offline::fit::{FitResult, Problem};
+use offline::fit::{Evaluation, FitResult, Problem};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
-    Identified, Inputs, Learned, NOT_DIAGNOSED, RunSettings, Stage, Summary, collect_design, fit,
-    freeze_policy, identify, learn,
+    Identified, Inputs, Learned, NOT_DIAGNOSED, RunSettings, Stage, Summary, fit, freeze_policy, identify,
+    learn, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
-use offline::run_files::{Fnv64, RunFolder, write_whole};
+use offline::run_files::{Fnv64, RunFolder, hex, write_whole};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,19 +88,30 @@ impl Job<'_> {
             held_out.rms_mm, held_out.floors
         ));
         self.warn_of_misfits(&base.fitted);
-        Ok(Summary {
+        Ok(self.summary(NOT_DIAGNOSED, (Vec::new(), estimates), [&base.held_out; 2]))
+    }
+
+    /// What was found, before anything is learnt.
+    fn summary(
+        &self,
+        verdict: &str,
+        (effects, parameters): (Vec<String>, Vec<Estimate>),
+        held_out: [&Evaluation; 2],
+    ) -> Summary {
+        let [before, after] = held_out.map(ResidualSummary::of);
+        Summary {
             folder: self.run.path().display().to_string(),
-            verdict: NOT_DIAGNOSED.into(),
-            effects: Vec::new(),
-            parameters: estimates,
-            held_out_before_mm: held_out.rms_mm,
-            held_out_after_mm: held_out.rms_mm,
-            floor_mm: held_out.floor_mm,
+            verdict: verdict.into(),
+            effects,
+            parameters,
+            held_out_before_mm: before.rms_mm,
+            held_out_after_mm: after.rms_mm,
+            floor_mm: after.floor_mm,
             policy: None,
             blob: None,
             report: None,
             wall_s: 0.0,
-        })
+        }
     }
 
     /// The diagnosis and what comes after it; the hash of the rollouts where there are any.
@@ -108,7 +120,12 @@ impl Job<'_> {
         let identified = identify(&self.inputs, &self.settings, run, &|line| reporter.say(line))?;
         say_identified(&identified, reporter);
         self.warn_of_misfits(&identified.outcome.fitted);
-        let mut summary = summary_of(&identified, run);
+        let outcome = &identified.outcome;
+        let mut summary = self.summary(
+            &outcome.verdict.to_string(),
+            (outcome.structure.ids(), outcome.estimates()),
+            [&outcome.held_out_before, &outcome.held_out_after],
+        );
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
             // What comes before is kept round by round: there Ctrl-C ends the program at once.
@@ -118,7 +135,7 @@ impl Job<'_> {
                 stop: &STOP,
             };
             if last == Stage::Collect {
-                let rollouts = collect_design(&identified, &self.settings, run, watch)?;
+                let rollouts = rollouts(&identified, &self.settings, run, watch)?;
                 say_rollouts(&rollouts, reporter);
                 dataset = Some(rollouts.hash);
             } else {
@@ -219,7 +236,7 @@ fn provenance(job: &Job) -> Vec<(String, String)> {
     let settings = &job.settings;
     [
         ("command", std::env::args().collect::<Vec<_>>().join(" ")),
-        ("program", concat!("offline ", env!("CARGO_PKG_VERSION")).into()),
+        ("program", PROGRAM.into()),
         ("seed", job.arguments.seed.to_string()),
         ("cells across the rope", format!("{:.2}", settings.cells)),
         ("random rollouts", settings.rollouts.to_string()),
@@ -373,30 +390,11 @@ fn say_learned(learned: &Learned, reporter: &Reporter) {
     ));
 }
 
-fn summary_of(identified: &Identified, run: &RunFolder) -> Summary {
-    let outcome = &identified.outcome;
-    let before = ResidualSummary::of(&outcome.held_out_before);
-    let after = ResidualSummary::of(&outcome.held_out_after);
-    Summary {
-        folder: run.path().display().to_string(),
-        verdict: outcome.verdict.to_string(),
-        effects: identified.model.effects.iter().map(|e| e.id.clone()).collect(),
-        parameters: outcome.estimates(),
-        held_out_before_mm: before.rms_mm,
-        held_out_after_mm: after.rms_mm,
-        floor_mm: after.floor_mm,
-        policy: None,
-        blob: None,
-        report: None,
-        wall_s: 0.0,
-    }
-}
-
 /// Writes `run.json` and prints where everything is.
 fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> anyhow::Result<()> {
     let record = serde_json::json!({
         "command": std::env::args().collect::<Vec<_>>().join(" "),
-        "program": concat!("offline ", env!("CARGO_PKG_VERSION")),
+        "program": PROGRAM,
         "formats": {
             "demo": offline::demo::FORMAT,
             "model": offline::model_file::FORMAT,
@@ -427,9 +425,8 @@ fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> any
 
 /// FNV-1a hashes of what went in and what came out, hexadecimal.
 fn hashes(job: &Job, dataset: Option<u64>) -> serde_json::Value {
-    let hex = |hash: u64| format!("{hash:016x}");
     let file = |path: PathBuf| std::fs::read(path).ok().map(|bytes| hex(Fnv64::of(&bytes)));
-    let demos = |list: &[u64]| list.iter().map(|&hash| hex(hash)).collect::<Vec<_>>();
+    let demos = |list: &[u64]| list.iter().copied().map(hex).collect::<Vec<_>>();
     serde_json::json!({
         "demos": demos(&job.inputs.hashes),
         "held_out": demos(&job.inputs.held_out_hashes),

@@ -15,6 +15,7 @@ pub use rows::{Dataset, DatasetSummary, Row, count_refusals};
 pub use shards::{SHARD_ROWS, Shards};
 pub use swinger::{SwingRefusal, Swinger};
 
+use crate::run_files::RunFolder;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -77,6 +78,21 @@ pub fn collect(
         rows.extend(piece?);
     }
     Ok(Dataset { rows })
+}
+
+/// Swings the random design of a run, as [`collect`] does.
+///
+/// # Errors
+/// The design is none, or what [`collect`] says.
+pub fn collect_design(
+    design: &Design,
+    swinger: &dyn Swinger,
+    run: &RunFolder,
+    model: u64,
+    watch: Watch,
+) -> anyhow::Result<Dataset> {
+    design.check()?;
+    collect(&design.samples(), swinger, &run.rollouts(0), model, watch)
 }
 
 fn swing_all(samples: &[Sample], swinger: &dyn Swinger, counter: &Counter) -> Result<Vec<Row>, Stopped> {

@@ -3,7 +3,6 @@
 
 use super::round::{Round, Standing};
 use super::rounds::Bench;
-use crate::effects;
 use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
@@ -59,9 +58,8 @@ impl KeptFit {
 
 impl KeptModel {
     pub(super) fn of(standing: &Standing) -> Self {
-        let effects = standing.structure.effects.iter();
         Self {
-            effects: effects.map(|&e| effects::ALL[e].id.into()).collect(),
+            effects: standing.structure.ids(),
             theta: standing.fitted.best.theta.clone(),
             rivals: standing.rivals.clone(),
         }
@@ -69,9 +67,7 @@ impl KeptModel {
 
     /// The same model, evaluated once more.
     pub(super) fn again(&self, bench: &Bench) -> Result<Standing, FitError> {
-        let structure = Structure {
-            effects: self.effects.iter().filter_map(|id| effects::find(id)).collect(),
-        };
+        let structure = Structure::of_ids(&self.effects);
         Ok(Standing {
             fitted: bench.again(&structure, &self.theta)?,
             held: ResidualSummary::of(&bench.held_out.residuals(&structure, &self.theta)?),

@@ -136,11 +136,7 @@ pub(super) fn one_round(
         Found::InCompany(_) | Found::Nothing => None,
     };
     let round = Round {
-        known: structure
-            .effects
-            .iter()
-            .map(|&e| effects::ALL[e].id.into())
-            .collect(),
+        known: structure.ids(),
         table,
         refits,
         accepted,

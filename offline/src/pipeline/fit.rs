@@ -3,7 +3,6 @@
 use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::diagnose::{BaseFit, LoopOptions, fit_only};
-use crate::effects;
 use crate::fit::{FitResult, StopReason, estimates};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{FileError, RunFolder, write_whole};
@@ -50,7 +49,6 @@ impl FitFile {
             young_pa: ln_young.exp(),
             cost,
         });
-        let effects = last.structure.effects.iter();
         Self {
             key,
             base_theta: base.best.theta.clone(),
@@ -58,7 +56,7 @@ impl FitFile {
             final_theta: last.fitted.best.theta.clone(),
             grid_shift: last.grid_shift.to_vec(),
             parameters: last.parameters,
-            effects: effects.map(|&e| effects::ALL[e].id.into()).collect(),
+            effects: last.structure.ids(),
             starts_ended_at: ends.collect(),
             stop: base.stop,
             evaluations: base.evaluations,

@@ -8,7 +8,6 @@ use crate::diagnose::{
     Advice, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round, SwingRisks,
     Verdict, advise, residual_force, resume_loop,
 };
-use crate::effects;
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
 use crate::model_file::ModelFile;
@@ -164,9 +163,7 @@ fn restore(
     fit: FitFile,
     diagnosis: DiagnosisFile,
 ) -> anyhow::Result<(Outcome, Option<ResidualForce>, Advice)> {
-    let structure = Structure {
-        effects: fit.effects.iter().filter_map(|id| effects::find(id)).collect(),
-    };
+    let structure = Structure::of_ids(&fit.effects);
     let (mut here, mut there) = crate::diagnose::problems(demos, held_out, options)?;
     for problem in [&mut here, &mut there] {
         problem.noise_scale = diagnosis.noise_scale.unwrap_or(1.0);

@@ -2,7 +2,7 @@
 
 use super::identify::Identified;
 use super::settings::{Preset, RunSettings};
-use crate::collect::{DatasetSummary, Design, Watch, collect};
+use crate::collect::{DatasetSummary, Design, Watch, collect_design};
 use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
 use crate::freeze::{Frozen, bounded, freeze, short};
 use crate::model::Estimate;
@@ -83,7 +83,7 @@ fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> 
 ///
 /// # Errors
 /// Stopped on request, or a file cannot be written.
-pub fn collect_design(
+pub fn rollouts(
     identified: &Identified,
     settings: &RunSettings,
     run: &RunFolder,
@@ -92,14 +92,7 @@ pub fn collect_design(
     let model = &identified.model;
     let swing = swing_of(model)?;
     let design = design(&swing, model, settings);
-    design.check()?;
-    let rollouts = collect(
-        &design.samples(),
-        &swing,
-        &run.rollouts(0),
-        model.swing_hash(),
-        watch,
-    )?;
+    let rollouts = collect_design(&design, &swing, run, model.swing_hash(), watch)?;
     Ok(rollouts.summary())
 }
 

@@ -12,7 +12,7 @@ mod settings;
 pub use fit::{NOT_DIAGNOSED, fit};
 pub use identify::{Identified, identify};
 #[cfg(feature = "train")]
-pub use learn::{Learned, collect_design, freeze_policy, learn};
+pub use learn::{Learned, freeze_policy, learn, rollouts};
 pub use settings::{Inputs, Preset, RunSettings};
 
 use serde::Serialize;

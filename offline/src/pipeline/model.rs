@@ -1,8 +1,10 @@
 //! `model.toml` of a run.
 
 use super::settings::{Inputs, RunSettings};
+use crate::PROGRAM;
 use crate::model::{Estimate, Structure};
 use crate::model_file::{FORMAT, ModelFile, ModelProvenance, SceneEntry};
+use crate::run_files::hex;
 use crate::sim::rope::RopeShape;
 
 /// The rope of a run's demonstrations, with the effects of a structure and the estimates of all its parameters.
@@ -23,9 +25,9 @@ pub(super) fn model(
         effects: ModelFile::entries(structure, estimates),
         scene: fitted.chain(judges).collect(),
         provenance: ModelProvenance {
-            program: concat!("offline ", env!("CARGO_PKG_VERSION")).into(),
+            program: PROGRAM.into(),
             cells_per_diameter: settings.cells,
-            demos: inputs.hashes.iter().map(|h| format!("{h:016x}")).collect(),
+            demos: inputs.hashes.iter().copied().map(hex).collect(),
             seed: settings.seed,
         },
     }

@@ -2,7 +2,7 @@
 
 use crate::demo::Demo;
 use crate::fit::Resolution;
-use crate::freeze::short;
+use crate::freeze::{bounded, short};
 use crate::run_files::Fnv64;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
@@ -91,11 +91,7 @@ impl Inputs {
             "the rope's name is empty: give it one with --name"
         );
         short::<NAME_BYTES>("rope", name)?;
-        anyhow::ensure!(
-            demos.len() <= MAX_DEMOS,
-            "{} demonstrations to fit are more than a blob's {MAX_DEMOS}: leave some out",
-            demos.len()
-        );
+        bounded::<_, MAX_DEMOS>("demonstrations", demos)?;
         let hashes = |paths: &[PathBuf]| paths.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>();
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Demo>> {
             paths.iter().map(|p| Ok(Demo::load(p)?)).collect()

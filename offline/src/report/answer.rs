@@ -109,13 +109,19 @@ fn cell(estimate: Option<&Estimate>) -> Markup {
     }
 }
 
+/// A modulus of a rope of this density in the paper's units; none for what is no modulus.
+pub(super) fn in_paper_units(estimate: &Estimate, density_kg_m3: Option<f64>) -> Option<String> {
+    let density = density_kg_m3.filter(|_| estimate.unit == "Pa")?;
+    Some(with_error(
+        young_paper(estimate.value, density),
+        young_paper(estimate.standard_error, density),
+    ))
+}
+
 pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: Option<f64>) -> Markup {
     let paper = |estimate: &Estimate| {
-        let density = density_kg_m3.filter(|_| estimate.unit == "Pa" && estimate.identified)?;
-        Some(with_error(
-            young_paper(estimate.value, density),
-            young_paper(estimate.standard_error, density),
-        ))
+        let density = density_kg_m3.filter(|_| estimate.identified);
+        in_paper_units(estimate, density)
     };
     html! {
         table {

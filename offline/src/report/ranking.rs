@@ -70,7 +70,7 @@ fn in_company(round: &Round, refit: &Refit) -> bool {
     is_accepted(round, &refit.id) && !refit.passed
 }
 
-fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
+pub(super) fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
     round.refits.iter().find(|refit| refit.id == id)
 }
 

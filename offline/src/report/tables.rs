@@ -1,14 +1,13 @@
 //! `tables.md`: the figures of a run as tables of plain text.
 
-use super::answer::density_kg_m3;
+use super::answer::{density_kg_m3, in_paper_units};
 use super::page::{effect_title, parameter_title, unit, with_error};
-use super::ranking::outcome;
+use super::ranking::{outcome, refit};
 use crate::demo::Demo;
 use crate::diagnose::{Outcome, Round};
 use crate::evaluate::Evaluation;
 use crate::fit::estimates;
 use crate::model::{Estimate, Structure};
-use crate::paper_units::young_paper;
 use crate::residual::ResidualSummary;
 use std::fmt::Write as _;
 
@@ -44,13 +43,6 @@ fn parameters(outcome: &Outcome, density_kg_m3: Option<f64>) -> String {
         let identified = if e.identified { "" } else { " (not identified)" };
         format!("{}{identified}", with_error(e.value, e.standard_error))
     };
-    let paper = |e: &Estimate| {
-        let density = density_kg_m3.filter(|_| e.unit == "Pa")?;
-        Some(with_error(
-            young_paper(e.value, density),
-            young_paper(e.standard_error, density),
-        ))
-    };
     let rows: Vec<Vec<String>> = outcome
         .estimates()
         .iter()
@@ -61,7 +53,7 @@ fn parameters(outcome: &Outcome, density_kg_m3: Option<f64>) -> String {
                 before.map_or_else(String::new, value),
                 value(found),
                 unit(&found.unit).to_owned(),
-                paper(found).unwrap_or_default(),
+                in_paper_units(found, density_kg_m3).unwrap_or_default(),
             ]
         })
         .collect();
@@ -116,8 +108,8 @@ fn effects(rounds: &[Round]) -> String {
         let scores = round.table.scores.iter();
         scores
             .map(|score| {
-                let refit = round.refits.iter().find(|refit| refit.id == score.id);
-                let left = refit.map_or_else(String::new, |r| format!("{:.2}", r.held_out.rms_mm));
+                let left =
+                    refit(round, &score.id).map_or_else(String::new, |r| format!("{:.2}", r.held_out.rms_mm));
                 vec![
                     (number + 1).to_string(),
                     effect_title(&score.id).to_owned(),

@@ -35,7 +35,7 @@ mod schedule;
 pub use learner::Learner;
 pub use schedule::{Schedule, TrainSettings};
 
-use crate::collect::{Design, Swinger, Watch, collect};
+use crate::collect::{Design, Swinger, Watch, collect, collect_design};
 use crate::run_files::RunFolder;
 use crate::trained::Trained;
 use shared::policy::PolicyError;
@@ -86,8 +86,7 @@ pub fn train(
     settings: &TrainSettings,
     watch: Watch,
 ) -> anyhow::Result<Trained> {
-    design.check()?;
-    let dataset = collect(&design.samples(), swinger, &run.rollouts(0), model, watch)?;
+    let dataset = collect_design(design, swinger, run, model, watch)?;
     let mut learner = Learner::start(design, dataset, settings, watch)?;
     for round in 1..=settings.rounds {
         let practice = learner.practice(round);

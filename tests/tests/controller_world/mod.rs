@@ -155,7 +155,12 @@ pub fn await_status(
 }
 
 pub fn idle(status: &Status) -> bool {
-    status.state == Phase::Idle.code()
+    in_phase(Phase::Idle)(status)
+}
+
+/// Whether a status says that the controller does this.
+pub fn in_phase(phase: Phase) -> impl Fn(&Status) -> bool {
+    move |status| status.state == phase.code()
 }
 
 /// Sends a signal, by its name without SIG.

@@ -32,11 +32,7 @@ impl Model {
     }
 
     pub(super) fn names(&self) -> Vec<String> {
-        self.structure
-            .effects
-            .iter()
-            .map(|&e| effects::ALL[e].id.into())
-            .collect()
+        self.structure.ids()
     }
 
     /// Standard deviations of the priors of θ; those of effects from index `free` on are a nuisance's.
