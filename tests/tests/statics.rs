@@ -313,6 +313,30 @@ fn tangents_of_a_pose_are_its_differences() {
     }
 }
 
+/// A search that begins where another rope rests, on the same grid or a coarser one, ends where one from afar does.
+#[test]
+fn a_pose_does_not_depend_on_where_its_search_began() {
+    let demo = CABLE.poses(&[-1.0, 0.2, 0.6], &[0.5, 1.0]);
+    let at = |cells: f64| Problem::new(&[&demo], Resolution { cells }).unwrap();
+    let other = [(1.3 * CABLE.young_pa).ln(), 0.3];
+    let settled = at(CELLS).settled(&Structure::default(), &other).unwrap();
+    let finer = at(1.4 * CELLS).settled_near(&settled, &Structure::default(), &other);
+    let finer = finer.unwrap();
+    for (effect, values) in MATERIALS {
+        let structure = with_effect(effect);
+        let theta = [&[CABLE.young_pa.ln(), 0.3], values].concat();
+        for (near, afar) in [(&settled, at(CELLS)), (&finer, at(1.4 * CELLS))] {
+            let [near, afar] = [near, &afar].map(|p| p.predict(&structure, &theta).unwrap().remove(0));
+            let pairs = near.frames.iter().flatten().zip(afar.frames.iter().flatten());
+            let apart = pairs
+                .map(|(a, b)| distance(value3(*a), value3(*b)))
+                .fold(0.0, f64::max);
+            println!("{effect} {values:?}: {apart:.1e} m apart");
+            assert!(apart < 2e-7, "{effect} {values:?}: {apart} m apart");
+        }
+    }
+}
+
 fn options() -> FitOptions {
     FitOptions {
         starts_pa: vec![4.0e6],

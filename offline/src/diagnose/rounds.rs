@@ -171,6 +171,16 @@ impl<'a> Bench<'a> {
         self.noise.doubt(fitted.best.len())
     }
 
+    /// Every model is sought near the base model's best, where ropes hang.
+    fn settle(&mut self, theta: &[f64]) -> Result<(), FitError> {
+        let base = Structure::default();
+        self.fit = self.fit.settled(&base, theta)?;
+        for other in [&mut self.held_out, &mut self.finer] {
+            *other = other.settled_near(&self.fit, &base, theta)?;
+        }
+        Ok(())
+    }
+
     fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
         for problem in [&mut self.fit, &mut self.held_out, &mut self.finer] {
             problem.noise_scale = noise.scale;
@@ -281,6 +291,7 @@ pub fn resume_loop(
     let structure = Structure::default();
     let kept = earlier.as_ref().map(|memory| &memory.base);
     let (base, noise) = fit_base(&mut bench, options, kept, progress)?;
+    bench.settle(&base.best.theta)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
         Some(memory) => SoFar::again(memory, &bench)?,

@@ -8,9 +8,10 @@ use crate::effects;
 use crate::model::Structure;
 use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::physics::ForceField;
+use crate::sim::rest::settle_poses;
 use crate::sim::rollout::Track;
 use crate::sim::tensor::value3;
-use crate::sim::{Laned, Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Physics, Real, Rollout, Scene, SimError, simulate};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -194,6 +195,15 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn evaluate(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
+        self.settled(structure, theta)?.evaluate_settled(structure, theta)
+    }
+
+    /// The same for a problem that is settled at θ.
+    pub(super) fn evaluate_settled(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Evaluation, FitError> {
         self.evaluation(theta, &self.traces(structure, theta)?)
     }
 
@@ -210,7 +220,8 @@ impl<'a> Problem<'a> {
         let (mut wide, mut wide_theta) = (structure.clone(), theta.to_vec());
         wide.effects.extend(asked);
         wide_theta.extend(asked.iter().flat_map(|&effect| effects::ALL[effect].vanishing()));
-        let (mut traces, failures) = self.traces_that_run(&wide, &wide_theta)?;
+        let here = self.settled(structure, theta)?;
+        let (mut traces, failures) = here.traces_that_run(&wide, &wide_theta)?;
         let (mut tested, mut failed) = (structure.clone(), Vec::new());
         let mut kept: Vec<usize> = (0..theta.len()).collect();
         let mut first = theta.len();
@@ -270,6 +281,50 @@ impl<'a> Problem<'a> {
         self.scenes.iter().any(|scene| scene.start.hang().is_some())
     }
 
+    /// The same problem, in which ropes that hang are sought where they rest at θ: a rope much like that one is found
+    /// in a fraction of the time, and slopes at θ itself in no more than a step.
+    ///
+    /// # Errors
+    /// No rest state was found.
+    pub fn settled(&self, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
+        let mut settled = self.clone();
+        settled
+            .scenes
+            .par_iter_mut()
+            .enumerate()
+            .try_for_each(|(d, scene)| {
+                let physics = self.physics(d, structure, theta);
+                settle_poses(scene, &physics).map_err(|error| simulation(self.demos[d], error))
+            })?;
+        Ok(settled)
+    }
+
+    /// The same where the ropes of a settled problem, at another resolution or for other frames, rest near by.
+    ///
+    /// # Errors
+    /// No rest state was found.
+    pub fn settled_near(
+        &self,
+        settled: &Self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Self, FitError> {
+        let mut near = self.clone();
+        for (demo, scene) in near.demos.iter().zip(&mut near.scenes) {
+            if let Some(same) = settled.demos.iter().position(|other| std::ptr::eq(*other, *demo)) {
+                scene.start.begin_near(&settled.scenes[same].start);
+            }
+        }
+        near.settled(structure, theta)
+    }
+
+    fn physics<T: Real>(&self, demo: usize, structure: &Structure, theta: &[T]) -> Physics<T> {
+        let spec = &self.demos[demo].spec;
+        let mut physics = structure.physics(theta, spec.friction());
+        physics.roll(spec.rope.roll_rad);
+        physics
+    }
+
     /// Simulates one demonstration.
     pub(super) fn rollout<T: Laned>(
         &self,
@@ -288,9 +343,7 @@ impl<'a> Problem<'a> {
         theta: &[T],
         force_field: Option<ForceField<T>>,
     ) -> Result<Rollout<T>, FitError> {
-        let spec = &self.demos[demo].spec;
-        let mut physics = structure.physics(theta, spec.friction());
-        physics.roll(spec.rope.roll_rad);
+        let mut physics = self.physics(demo, structure, theta);
         physics.force_field = force_field;
         simulate(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
     }

@@ -165,20 +165,27 @@ pub fn fit_from(
     theta: Vec<f64>,
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
-    let start = problem.evaluate(structure, &theta)?;
-    Ok(descend(problem, structure, start, budget.into()))
+    let here = problem.settled(structure, &theta)?;
+    let start = here.evaluate_settled(structure, &theta)?;
+    Ok(descend_in(here, structure, start, budget.into()))
 }
 
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
 pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
+    let here = problem.settled(structure, &start.theta);
+    descend_in(here.unwrap_or_else(|_| problem.clone()), structure, start, budget)
+}
+
+/// The same for a problem that is settled at the start.
+fn descend_in(mut here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let info = structure.parameters();
     let mut best = start;
     let mut cost = total_cost(&best, &info);
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
-    let mut held = out_of_plane(problem, &best, &info);
-    held[POISSON] |= !tells_poisson(&best, problem.stiffness_accuracy);
+    let mut held = out_of_plane(&here, &best, &info);
+    held[POISSON] |= !tells_poisson(&best, here.stiffness_accuracy);
     let stop = loop {
         if evaluations >= budget.evaluations {
             break StopReason::BudgetSpent;
@@ -198,13 +205,14 @@ pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budg
         }
         let trial: Vec<f64> = best.theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
         evaluations += 1;
-        let accepted = match problem.evaluate(structure, &trial) {
-            Ok(next) => {
+        let there = here.settled(structure, &trial);
+        let accepted = match there.and_then(|there| Ok((there.evaluate_settled(structure, &trial)?, there))) {
+            Ok((next, there)) => {
                 let next_cost = total_cost(&next, &info);
                 let gain = (cost - next_cost) / predicted;
                 if gain > 0.0 {
                     damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
-                    (best, cost) = (next, next_cost);
+                    (best, cost, here) = (next, next_cost, there);
                 }
                 gain > 0.0
             }

@@ -37,11 +37,8 @@ pub fn views(
     theta: &[f64],
     held_out: bool,
 ) -> Result<Vec<DemoView>, FitError> {
-    let (rollouts, evaluation) = rayon::join(
-        || problem.predict(structure, theta),
-        || problem.residuals(structure, theta),
-    );
-    let (rollouts, evaluation) = (rollouts?, evaluation?);
+    let rollouts = problem.predict(structure, theta)?;
+    let evaluation = problem.residuals_of(theta, &rollouts)?;
     let parts = problem.demos.iter().zip(&problem.scenes);
     let parts = parts.zip(rollouts.into_iter().zip(&evaluation.rows));
     Ok(parts

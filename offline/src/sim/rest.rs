@@ -1,23 +1,196 @@
-//! Where a rope comes to rest from a shape near it: Newton's method, which factorises its matrix anew only where
-//! the old one does not help any more.
+//! How a rest state is searched for: from a first guess, by Newton's method that begins as a heavily damped fall; from
+//! a shape near it, with a matrix that is factorised anew only where the old one does not help any more.
 
 use super::error::{Cause, SimError};
-use super::grid::STENCIL;
+use super::grid::{Grid, STENCIL};
 use super::legs::Placed;
 use super::physics::Physics;
+use super::real::Real;
+use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::Start;
-use super::statics::{Advance, Nodes, Statics};
-use super::tensor::{add, matvec, scaled, sub};
+use super::statics::{Advance, Held, Matrices, Nodes, PinRow, Pose, Statics, gather};
+use super::tensor::{Vec3, add, matvec, scaled, sub};
+use rayon::prelude::*;
 
-/// Most steps.
+/// Inertia of the first step of a fall and below which there is none any more, in units of a pendulum's squared
+/// frequency.
+const FIRST_INERTIA: f64 = 100.0;
+const LAST_INERTIA: f64 = 0.1;
+/// What a step that needs no shortening leaves of the inertia.
+const INERTIA_DECAY: f64 = 0.1;
+/// Most steps of a fall.
+const FALL_STEPS: usize = 120;
+/// Most steps from a shape near by.
 const MAX_STEPS: usize = 60;
 /// A step that moves no node by more than this share of a cell ends the search.
 const TOLERANCE_CELLS: f64 = 1e-4;
+/// How a pose is searched for from where a rope much like it rests: as accurately as by the fall, whose last step is
+/// the square of the one before, where steps with a kept matrix shrink by a factor; and only while that takes much
+/// less than the fall's dozen of matrices.
+const FROM_NEAR: Patience = Patience {
+    tolerance_cells: 1e-6,
+    matrices: 4,
+};
+/// How a rope is searched for whose motion was followed until it had nearly come to rest.
+const FROM_MOTION: Patience = Patience {
+    tolerance_cells: TOLERANCE_CELLS,
+    matrices: MAX_STEPS,
+};
+/// The same for tangents, as a share of the largest one.
+const TANGENT_TOLERANCE: f64 = 1e-4;
 /// Passes from particles to nodes.
 const PASSES: usize = 12;
 /// Steps that shrink less than by this factor take a new matrix.
 const SHRINKS: f64 = 0.4;
+
+/// A rest state that was found.
+#[derive(Clone, Debug)]
+pub struct Near {
+    layout: RopeLayout,
+    /// Undeformed coordinates of the nodes, m, and where they are.
+    material_m: Vec<Vec3<f64>>,
+    nodes_m: Nodes<f64>,
+    placed: Vec<Placed>,
+}
+
+impl Near {
+    fn new<T: Real>(statics: &Statics<T>, nodes_m: Nodes<f64>) -> Self {
+        let placed = (0..statics.layout.particles()).map(|p| placed(&statics.grid, &nodes_m, p));
+        Self {
+            layout: statics.layout.clone(),
+            material_m: statics.grid.nodes_material_m(&statics.layout),
+            placed: placed.collect(),
+            nodes_m,
+        }
+    }
+
+    /// Where the nodes of a rope would be, which may be divided in another way.
+    fn nodes<T: Real>(&self, statics: &Statics<T>) -> Nodes<f64> {
+        let Statics { grid, layout, .. } = statics;
+        if grid.nodes_material_m(layout) == self.material_m {
+            return self.nodes_m.clone();
+        }
+        let there: Vec<Placed> = (0..layout.particles())
+            .map(|p| self.place(layout.material_m(p)))
+            .collect();
+        nodes_of(statics, &there)
+    }
+
+    /// Where a point of the undeformed rope is: to first order from the particle next to it.
+    fn place(&self, material_m: Vec3<f64>) -> Placed {
+        let least = |distances: &mut dyn Iterator<Item = f64>| {
+            let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+            nearest.map_or(0, |(index, _)| index)
+        };
+        let [arc_m, side_m, up_m] = material_m;
+        let Self { layout, placed, .. } = self;
+        let slice = least(&mut layout.slices.iter().map(|s| (s.arc_m - arc_m).abs()));
+        let away_m = |at: &[f64; 2]| (at[0] - side_m).hypot(at[1] - up_m);
+        let member = least(&mut layout.section_m.iter().map(away_m));
+        let p = slice * layout.section_m.len() + member;
+        let further = sub(material_m, layout.material_m(p));
+        let next = placed[p];
+        Placed {
+            position_m: add(next.position_m, matvec(&next.deformation_gradient, further)),
+            ..next
+        }
+    }
+}
+
+/// When a search from near by ends.
+struct Patience {
+    /// A step that moves no node by more than this share of a cell ends it.
+    tolerance_cells: f64,
+    /// Most matrices to be factorised.
+    matrices: usize,
+}
+
+/// What holds a rope besides its own forces: where the clamps want the particles, and springs.
+type Hold<'a, T> = (&'a [Held<T>], &'a [PinRow]);
+
+impl<T: Real> Statics<'_, T> {
+    /// Finds a pose.
+    ///
+    /// # Errors
+    /// No rest state was found, the rope turned inside out on the way, lies on the table or would yield.
+    pub fn solve(&self, pose: &Pose) -> Result<Nodes<T>, Cause> {
+        let held = self.held(pose.t_s);
+        let pins = self.pin_rows(&pose.pins);
+        let found = pose.near.as_ref().and_then(|near| {
+            let nodes = near.nodes(self).into_iter().map(|y| y.map(T::of)).collect();
+            settle(self, nodes, (&held, &pins), &FROM_NEAR).ok()
+        });
+        let nodes = match found {
+            Some(nodes) => nodes,
+            None => {
+                let material_m = self.grid.nodes_material_m(&self.layout).into_iter();
+                let guess = material_m.map(|m| pose.guess.place(m).map(T::of));
+                self.fall(guess.collect(), (&held, &pins))?
+            }
+        };
+        self.above_table(&nodes)?;
+        self.below_yield(&nodes)?;
+        Ok(nodes)
+    }
+
+    /// The way to rest from afar. Inertia makes a step one of a heavily damped fall: small while the rope is far from
+    /// rest, so that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
+    fn fall(&self, mut nodes: Nodes<T>, (held, pins): Hold<T>) -> Result<Nodes<T>, Cause> {
+        let swing = self.swing_per_s2();
+        let mut inertia = FIRST_INERTIA * swing;
+        let mut moved_m = f64::INFINITY;
+        let mut matrices = self.matrices();
+        for _ in 0..FALL_STEPS {
+            let forces = self.forces(&nodes, held, pins)?;
+            self.factorise(&mut matrices, (&nodes, held, pins), &mut inertia, swing)?;
+            let taken = self.advance(&mut nodes, &matrices, &forces);
+            let calm = inertia == 0.0 && taken.share == 1.0;
+            inertia = match (taken.share < 1.0, inertia < LAST_INERTIA * swing) {
+                (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
+                (false, true) => 0.0,
+                (false, false) => INERTIA_DECAY * inertia,
+            };
+            moved_m = taken.moved_m;
+            if calm
+                && moved_m < TOLERANCE_CELLS * self.grid.spacing_m
+                && tangents_settled(&nodes, &taken.step)
+            {
+                return Ok(nodes);
+            }
+        }
+        Err(Cause::NoRest { moved_m })
+    }
+}
+
+/// Lets the search for every pose of a scene begin where this rope rests.
+///
+/// # Errors
+/// No rest state was found.
+pub fn settle_poses(scene: &mut Scene, physics: &Physics<f64>) -> Result<(), SimError> {
+    let Some(hang) = scene.start.hang() else {
+        return Ok(());
+    };
+    let statics = Statics::new(scene, physics);
+    let find = |pose: &Pose| match statics.solve(pose) {
+        Ok(nodes_m) => Ok(Near::new(&statics, nodes_m)),
+        Err(cause) => Err(SimError {
+            step: 0,
+            t_s: pose.t_s,
+            cause,
+        }),
+    };
+    let found: Vec<Near> = hang.poses.par_iter().map(find).collect::<Result<_, _>>()?;
+    let poses = scene
+        .start
+        .hang_mut()
+        .into_iter()
+        .flat_map(|hang| &mut hang.poses);
+    for (pose, near) in poses.zip(found) {
+        pose.near = Some(near);
+    }
+    Ok(())
+}
 
 /// The rope at rest as its clamps stand at first, from where the scene says that its particles are.
 ///
@@ -27,38 +200,52 @@ const SHRINKS: f64 = 0.4;
 /// # Panics
 /// The scene says nothing about its particles.
 pub fn rest_near(scene: &Scene, physics: &Physics<f64>) -> Result<Vec<Placed>, SimError> {
-    let Start::Placed(placed) = &scene.start else {
+    let Start::Placed(start) = &scene.start else {
         panic!("the scene says where its particles are");
     };
     let statics = Statics::new(scene, physics);
-    let nodes = rest_of_nodes(&statics, placed).map_err(SimError::at_start)?;
-    let particle = |p: usize| {
-        let (position_m, deformation_gradient) = statics.particle(&nodes, p);
-        Placed {
-            position_m,
-            deformation_gradient,
-        }
-    };
-    Ok((0..placed.len()).map(particle).collect())
+    let held = statics.held(0.0);
+    let nodes = settle(&statics, nodes_of(&statics, start), (&held, &[]), &FROM_MOTION);
+    let nodes = nodes.map_err(SimError::at_start)?;
+    let particles = 0..statics.layout.particles();
+    Ok(particles.map(|p| placed(&statics.grid, &nodes, p)).collect())
 }
 
-fn rest_of_nodes(statics: &Statics<f64>, placed: &[Placed]) -> Result<Nodes<f64>, Cause> {
-    let held = statics.held(0.0);
-    let mut nodes = nodes_of(statics, placed);
+fn placed(grid: &Grid<f64>, nodes: &[Vec3<f64>], p: usize) -> Placed {
+    let (position_m, deformation_gradient) = gather(grid, nodes, p);
+    Placed {
+        position_m,
+        deformation_gradient,
+    }
+}
+
+/// The way to rest from near by.
+fn settle<T: Real>(
+    statics: &Statics<T>,
+    mut nodes: Nodes<T>,
+    (held, pins): Hold<T>,
+    patience: &Patience,
+) -> Result<Nodes<T>, Cause> {
     let least_inertia = statics.swing_per_s2();
-    let mut matrices = statics.matrices();
+    let mut matrices: Matrices = statics.matrices();
     let (mut inertia, mut helps, mut before_m) = (0.0, false, f64::INFINITY);
+    let mut matrices_left = patience.matrices;
     for _ in 0..MAX_STEPS {
-        let forces = statics.forces(&nodes, &held, &[])?;
+        let forces = statics.forces(&nodes, held, pins)?;
         if !helps {
-            statics.factorise(&mut matrices, (&nodes, &held, &[]), &mut inertia, least_inertia)?;
+            if matrices_left == 0 {
+                break;
+            }
+            matrices_left -= 1;
+            statics.factorise(&mut matrices, (&nodes, held, pins), &mut inertia, least_inertia)?;
         }
-        let Advance { share, moved_m, .. } = statics.advance(&mut nodes, &matrices, &forces);
+        let Advance { share, moved_m, step } = statics.advance(&mut nodes, &matrices, &forces);
         if inertia == 0.0 && share == 1.0 {
-            if moved_m < TOLERANCE_CELLS * statics.grid.spacing_m {
+            let still = moved_m < patience.tolerance_cells * statics.grid.spacing_m;
+            if still && tangents_settled(&nodes, &step) {
                 return Ok(nodes);
             }
-            helps = moved_m < SHRINKS * before_m;
+            helps = still || moved_m < SHRINKS * before_m;
         } else {
             helps = false;
             inertia = if inertia < 0.1 * least_inertia {
@@ -72,15 +259,26 @@ fn rest_of_nodes(statics: &Statics<f64>, placed: &[Placed]) -> Result<Nodes<f64>
     Err(Cause::NoRest { moved_m: before_m })
 }
 
+/// Whether the last step changed the tangents by next to nothing.
+fn tangents_settled<T: Real>(nodes: &[Vec3<T>], step: &[Vec3<T>]) -> bool {
+    (0..T::TANGENTS).all(|t| {
+        let largest = |list: &[Vec3<T>]| {
+            let numbers = list.iter().flatten().map(|x| x.tangent(t).abs());
+            numbers.fold(0.0, f64::max)
+        };
+        largest(step) <= TANGENT_TOLERANCE * largest(nodes)
+    })
+}
+
 /// Positions of the nodes that give the particles what they have: what is missing is spread to the nodes by
 /// mass, time and again.
-fn nodes_of(statics: &Statics<f64>, placed: &[Placed]) -> Nodes<f64> {
+fn nodes_of<T: Real>(statics: &Statics<T>, placed: &[Placed]) -> Nodes<f64> {
     let grid = &statics.grid;
     let mut nodes = vec![[0.0; 3]; grid.mass_kg.len()];
     for _ in 0..PASSES {
         let missing: Vec<_> = (0..placed.len())
             .map(|p| {
-                let (position_m, gradient) = statics.particle(&nodes, p);
+                let (position_m, gradient) = gather(grid, &nodes, p);
                 let rows = [0, 1, 2].map(|a| sub(placed[p].deformation_gradient[a], gradient[a]));
                 (sub(placed[p].position_m, position_m), rows)
             })
@@ -89,7 +287,7 @@ fn nodes_of(statics: &Statics<f64>, placed: &[Placed]) -> Nodes<f64> {
             for entry in 0..STENCIL {
                 let there = add(*offset_m, matvec(gradient, grid.offset_m(p, entry)));
                 let node = link.slots[entry] as usize;
-                let share = link.weights[entry] * statics.masses_kg[p] / grid.mass_kg[node];
+                let share = link.weights[entry] * statics.masses_kg[p].value() / grid.mass_kg[node];
                 nodes[node] = add(nodes[node], scaled(there, share));
             }
         }

@@ -82,6 +82,24 @@ impl Start {
             Self::Rest(hang) | Self::Moving(hang) | Self::Poses(hang) => Some(hang),
         }
     }
+
+    /// Lets the search for each pose begin where it does in another scene of the same demonstration.
+    pub fn begin_near(&mut self, other: &Self) {
+        let (Some(hang), Some(other)) = (self.hang_mut(), other.hang()) else {
+            return;
+        };
+        for (pose, other) in hang.poses.iter_mut().zip(&other.poses) {
+            pose.near.clone_from(&other.near);
+        }
+    }
+
+    /// The poses, to be changed.
+    pub(super) fn hang_mut(&mut self) -> Option<&mut Hang> {
+        match self {
+            Self::Straight | Self::Placed(_) => None,
+            Self::Rest(hang) | Self::Moving(hang) | Self::Poses(hang) => Some(hang),
+        }
+    }
 }
 
 struct Builder<'a> {
@@ -126,6 +144,7 @@ impl Builder<'_> {
                     .collect(),
                 None => Vec::new(),
             },
+            near: None,
         }
     }
 

@@ -1,4 +1,5 @@
-//! Where a rope hangs still: the rest state of the simulator's own discretisation, by Newton's method.
+//! What holds where a rope hangs still: the forces of the simulator's own discretisation, and a step of Newton's
+//! method towards the state in which they vanish ([`super::rest`] takes the steps).
 //!
 //! Weights are functions of undeformed coordinates, so positions and deformation gradients of the
 //! particles are linear in the positions of the nodes, and a state in which a rollout stays at rest is
@@ -19,6 +20,7 @@ use super::grid::{Grid, STENCIL};
 use super::material::Material;
 use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::real::Real;
+use super::rest::Near;
 use super::rollout::{grip_motions, masses_kg, mouths};
 use super::rope::RopeLayout;
 use super::scene::Scene;
@@ -46,26 +48,16 @@ pub struct Pose {
     pub guess: Curve,
     /// Springs; none where the rope hangs free.
     pub pins: Vec<Pin>,
+    /// Where a rope much like it was at rest: the search starts there, and at the guess only if that leads nowhere.
+    pub near: Option<Near>,
 }
 
-/// Inertia of the first step and below which there is none any more, in units of a pendulum's squared
-/// frequency.
-const FIRST_INERTIA: f64 = 100.0;
-const LAST_INERTIA: f64 = 0.1;
-/// What a step that needs no shortening leaves of the inertia.
-const INERTIA_DECAY: f64 = 0.1;
-/// Most steps of Newton's method.
-const MAX_STEPS: usize = 120;
 /// Largest change of a deformation gradient in one step.
 const STEP_CAP: f64 = 0.3;
 /// Least share of its volume that a particle keeps in one step.
 const VOLUME_KEPT: f64 = 0.3;
 /// Share of a step below which nothing is gained by a smaller one.
 const SMALLEST_SHARE: f64 = 1e-3;
-/// A step that moves no node by more than this share of a cell ends the search.
-const TOLERANCE_CELLS: f64 = 1e-4;
-/// The same for tangents, as a share of the largest one.
-const TANGENT_TOLERANCE: f64 = 1e-4;
 /// Share of its diagonal that is added to the matrix: some nodes are held by almost no particle.
 const REGULARISATION: f64 = 1e-9;
 
@@ -73,7 +65,7 @@ const REGULARISATION: f64 = 1e-9;
 pub struct Statics<'a, T: Real> {
     scene: &'a Scene,
     physics: &'a Physics<T>,
-    layout: RopeLayout,
+    pub(super) layout: RopeLayout,
     pub(super) grid: Grid<f64>,
     pub(super) masses_kg: Vec<T>,
     lame: Lame<T>,
@@ -87,9 +79,9 @@ pub struct Statics<'a, T: Real> {
 }
 
 /// Where the clamps want a particle, m; none where it is free.
-type Held<T> = Option<Vec3<T>>;
+pub(super) type Held<T> = Option<Vec3<T>>;
 /// A pin as a row of node weights.
-type PinRow = (Pin, Vec<(usize, f64)>);
+pub(super) type PinRow = (Pin, Vec<(usize, f64)>);
 
 /// The matrices of a search for a rest state, in memory that is used again.
 pub(super) struct Matrices {
@@ -102,7 +94,7 @@ pub(super) struct Matrices {
 /// A step of Newton's method: the whole step, the share of it that was taken, and how far the whole one moves the
 /// node that it moves most, m.
 pub(super) struct Advance<T> {
-    step: Nodes<T>,
+    pub(super) step: Nodes<T>,
     pub(super) share: f64,
     pub(super) moved_m: f64,
 }
@@ -167,65 +159,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// Position and deformation gradient of particle `p`.
     pub fn particle(&self, nodes: &[Vec3<T>], p: usize) -> (Vec3<T>, Mat3<T>) {
-        let link = &self.grid.links[p];
-        let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
-        let (mut x, mut f) = (zero3(), [zero3(); 3]);
-        // Differences to one node keep digits: the gradient of a constant is zero.
-        let origin = nodes[link.slots[13] as usize];
-        for entry in 0..STENCIL {
-            let (weight, d) = (link.weights[entry], self.grid.offset_m(p, entry));
-            let y = sub(nodes[link.slots[entry] as usize], origin);
-            x = add(x, scaled(y, weight));
-            for a in 0..3 {
-                for b in 0..3 {
-                    f[a][b] += y[a].scale(scale * weight * d[b]);
-                }
-            }
-        }
-        (add(x, origin), f)
-    }
-
-    /// Finds a pose.
-    ///
-    /// # Errors
-    /// No rest state was found, or the rope turned inside out on the way.
-    pub fn solve(&self, pose: &Pose) -> Result<Nodes<T>, Cause> {
-        let held = self.held(pose.t_s);
-        let pins = self.pin_rows(&pose.pins);
-        let guess = self
-            .grid
-            .nodes_material_m(&self.layout)
-            .into_iter()
-            .map(|m| pose.guess.place(m));
-        let mut nodes: Nodes<T> = guess.map(|y| y.map(T::of)).collect();
-        // Inertia makes a step one of a heavily damped fall: small while the rope is far from rest, so
-        // that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
-        let swing = self.swing_per_s2();
-        let mut inertia = FIRST_INERTIA * swing;
-        let mut moved_m = f64::INFINITY;
-        let mut matrices = self.matrices();
-        for _ in 0..MAX_STEPS {
-            let forces = self.forces(&nodes, &held, &pins)?;
-            self.factorise(&mut matrices, (&nodes, &held, &pins), &mut inertia, swing)?;
-            let taken = self.advance(&mut nodes, &matrices, &forces);
-            let share = taken.share;
-            let calm = inertia == 0.0 && share == 1.0;
-            inertia = match (share < 1.0, inertia < LAST_INERTIA * swing) {
-                (true, _) => (3.0 * inertia).max(LAST_INERTIA * swing),
-                (false, true) => 0.0,
-                (false, false) => INERTIA_DECAY * inertia,
-            };
-            moved_m = taken.moved_m;
-            if calm
-                && moved_m < TOLERANCE_CELLS * self.grid.spacing_m
-                && tangents_settled(&nodes, &taken.step)
-            {
-                self.above_table(&nodes)?;
-                self.below_yield(&nodes)?;
-                return Ok(nodes);
-            }
-        }
-        Err(Cause::NoRest { moved_m })
+        gather(&self.grid, nodes, p)
     }
 
     /// Force of each grip on the rope, N.
@@ -259,7 +193,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Each pin as a row of node weights.
-    fn pin_rows(&self, pins: &[Pin]) -> Vec<PinRow> {
+    pub(super) fn pin_rows(&self, pins: &[Pin]) -> Vec<PinRow> {
         let arcs: Vec<f64> = self.layout.slices.iter().map(|s| s.arc_m).collect();
         let members = self.layout.section_m.len();
         pins.iter()
@@ -508,7 +442,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Refuses a pose in which the rope would yield: where it comes to rest then depends on how it got there.
-    fn below_yield(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
+    pub(super) fn below_yield(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
         let yields = |p: &usize| {
             let (_, f) = self.particle(nodes, *p);
             self.material.yields(*p, &f, self.physics)
@@ -520,7 +454,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Refuses a pose in which the rope would lie on the table.
-    fn above_table(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
+    pub(super) fn above_table(&self, nodes: &[Vec3<T>]) -> Result<(), Cause> {
         let Some(table) = self.scene.table else {
             return Ok(());
         };
@@ -533,18 +467,27 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 }
 
+/// Position and deformation gradient of a grid's particle `p`.
+pub(super) fn gather<R: Real>(grid: &Grid<f64>, nodes: &[Vec3<R>], p: usize) -> (Vec3<R>, Mat3<R>) {
+    let link = &grid.links[p];
+    let scale = 4.0 / (grid.spacing_m * grid.spacing_m);
+    let (mut x, mut f) = (zero3(), [zero3(); 3]);
+    // Differences to one node keep digits: the gradient of a constant is zero.
+    let origin = nodes[link.slots[13] as usize];
+    for entry in 0..STENCIL {
+        let (weight, d) = (link.weights[entry], grid.offset_m(p, entry));
+        let y = sub(nodes[link.slots[entry] as usize], origin);
+        x = add(x, scaled(y, weight));
+        for a in 0..3 {
+            for b in 0..3 {
+                f[a][b] += y[a].scale(scale * weight * d[b]);
+            }
+        }
+    }
+    (add(x, origin), f)
+}
+
 /// Length of the value, without tangents.
 fn norm_value<T: Real>(v: Vec3<T>) -> f64 {
     v.iter().map(|c| c.value().powi(2)).sum::<f64>().sqrt()
-}
-
-/// Whether the last step changed the tangents by next to nothing.
-fn tangents_settled<T: Real>(nodes: &[Vec3<T>], step: &[Vec3<T>]) -> bool {
-    (0..T::TANGENTS).all(|t| {
-        let largest = |list: &[Vec3<T>]| {
-            let numbers = list.iter().flatten().map(|x| x.tangent(t).abs());
-            numbers.fold(0.0, f64::max)
-        };
-        largest(step) <= TANGENT_TOLERANCE * largest(nodes)
-    })
 }
