@@ -19,6 +19,11 @@ const MIN_REST_FRAMES: usize = 4;
 /// Correlations that are tried: 0, 0.01, … up to this one.
 const MOST_ALIKE: f64 = 0.95;
 
+/// Least share of the declared noise that frames at rest can prove: what lies still is seen the same way time and
+/// again, so rounding, blur and the offset of a pixel's middle do not show there, and a simulated rope has no noise
+/// at all.
+const LEAST_SCALE: f64 = 0.1;
+
 /// Size and correlation of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Noise {
@@ -73,7 +78,7 @@ impl Noise {
         let along_rope = neighbours(series, in_time);
         let free: f64 = series.iter().map(|s| s.offsets.len() as f64 - 1.0).sum();
         Some(Self {
-            scale: variance.sqrt(),
+            scale: variance.sqrt().max(LEAST_SCALE),
             in_time,
             along_rope,
             // The correlation in time is found from the same values, which makes the size as uncertain as if they were
@@ -327,6 +332,18 @@ mod tests {
         assert!((times - 0.6).abs() < 0.03, "{times}");
         assert!((scales - 2.0).abs() < 0.1, "{scales}");
         assert!((alongs - 0.7).abs() < 0.03, "{alongs}");
+    }
+
+    /// A rope that is seen at rest without any noise is no proof that it is seen so in motion.
+    #[test]
+    fn rest_proves_no_less_than_a_tenth_of_the_declared_noise() {
+        let scale = |noise_m: f64| {
+            let noise = correlated(FRAMES, STATIONS, noise_m, [0.0, 0.0], 3);
+            let noise = Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS));
+            noise.expect("frames at rest").scale
+        };
+        assert_eq!(scale(1e-6), 0.1);
+        assert!((scale(0.0005) - 0.5).abs() < 0.05);
     }
 
     /// Noise alone leaves more than the floor with its doubt in one of twenty sets.

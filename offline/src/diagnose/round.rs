@@ -1,7 +1,7 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
 use super::conclude::explains;
-use super::gates::{Gate, OFF_NOTHING, given_up, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, given_up, pass_in_company, refinement_gate, statistical_gates, taken_away_mm};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
@@ -32,14 +32,6 @@ pub struct Refit {
     pub gates: Vec<Gate>,
     /// Whether all gates were passed.
     pub passed: bool,
-}
-
-impl Refit {
-    fn fails_only_off_nothing(&self) -> bool {
-        self.gates
-            .iter()
-            .all(|gate| gate.passed || gate.name == OFF_NOTHING)
-    }
 }
 
 /// One round of the loop.
@@ -102,8 +94,7 @@ impl Standing {
 pub(super) enum Found {
     /// A model with one more effect that passed every gate.
     Accepted(Standing),
-    /// The best of those that fail because their value cannot be told from nothing: another cause may be missing
-    /// beside it.
+    /// The best of those that fail only because of what another cause that is missing beside them does.
     InCompany(Standing),
     /// Nothing.
     Nothing,
@@ -176,7 +167,7 @@ fn choose(
                 best.rivals.push(refit.id.clone());
             }
             Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
-            Found::Nothing if refit.fails_only_off_nothing() => found = Found::InCompany(standing),
+            Found::Nothing if pass_in_company(&refit.gates) => found = Found::InCompany(standing),
             _ => {}
         }
         refits.push(refit);

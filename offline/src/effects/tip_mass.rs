@@ -1,4 +1,4 @@
-//! A mass at the free end (s = length): a knot, tape, a ferrule. It sits in the
+//! A mass at the free end (s = length): a knot, tape, a ferrule, a weight. It sits in the
 //! last slice of the rope; it has weight and inertia but no size and no stiffness.
 
 use super::{EffectSpec, ParameterSpec, Slope};
@@ -19,7 +19,8 @@ pub const SPEC: EffectSpec = EffectSpec {
         unit: "kg",
         vanishes_at: 0.0,
         low: 0.0,
-        high: 0.2,
+        // Half a kilogram: what hangs from cables that a robot carries.
+        high: 0.5,
         smallest_of_interest: 0.001,
         slope: Slope::Tangent,
     }],

@@ -238,7 +238,7 @@ mod tests {
         let mass = allowed("tip_mass", 0, 0.05);
         assert_eq!((mass.interval, mass.bounded_by_range), ([0.0, 0.05], false));
         let unknown = allowed("tip_mass", 0, 5.0);
-        assert_eq!((unknown.interval, unknown.bounded_by_range), ([0.0, 0.2], true));
+        assert_eq!((unknown.interval, unknown.bounded_by_range), ([0.0, 0.5], true));
         let tilt = allowed("tilted_gravity", 0, 1.0);
         assert_eq!((tilt.interval, tilt.bounded_by_range), ([-0.3, 0.3], true));
     }
