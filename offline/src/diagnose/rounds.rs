@@ -360,8 +360,7 @@ struct SoFar {
 ///
 /// Two causes can hide each other: beside what one leaves, the standard error of the other is large, and frames that
 /// are held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
-/// round more. Both are
-/// accepted where they explain it together, and neither otherwise.
+/// round more. Both are accepted where they explain it together, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,

@@ -9,7 +9,7 @@ use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::Start;
-use super::statics::{Advance, Held, Matrices, Nodes, PinRow, Pose, Statics, gather};
+use super::statics::{Advance, Held, Nodes, PinRow, Pose, Statics, gather};
 use super::tensor::{Vec3, add, matvec, scaled, sub};
 use rayon::prelude::*;
 
@@ -227,7 +227,7 @@ fn settle<T: Real>(
     patience: &Patience,
 ) -> Result<Nodes<T>, Cause> {
     let least_inertia = statics.swing_per_s2();
-    let mut matrices: Matrices = statics.matrices();
+    let mut matrices = statics.matrices();
     let (mut inertia, mut helps, mut before_m) = (0.0, false, f64::INFINITY);
     let mut matrices_left = patience.matrices;
     for _ in 0..MAX_STEPS {
