@@ -10,6 +10,7 @@ use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Verdict, close_loop};
 use crate::effects;
 use crate::fit::Resolution;
+use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::run_files::{kept, write_whole};
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
@@ -174,7 +175,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     );
     options.without = cell.without;
     if cell.hidden {
-        options.hidden = cell.causes.iter().filter_map(|id| effects::find(id)).collect();
+        options.hidden = Structure::of_ids(&cell.causes).effects;
     }
     let start = Instant::now();
     let fit: Vec<&Demo> = fit.iter().collect();
@@ -208,8 +209,7 @@ fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
 }
 
 fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer {
-    let id = |&e: &usize| effects::ALL[e].id.to_owned();
-    let accepted: Vec<String> = outcome.structure.effects.iter().map(id).collect();
+    let accepted = outcome.structure.ids();
     let (said, named) = match &outcome.verdict {
         Verdict::NothingMissing => (Said::Nothing, Vec::new()),
         Verdict::Explained { .. } => (Said::Explained, accepted.clone()),

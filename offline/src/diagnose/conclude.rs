@@ -3,7 +3,6 @@
 use super::gates::excess_removed;
 use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
-use crate::effects;
 use crate::fit::{Evaluation, FitResult};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -99,11 +98,6 @@ pub(super) fn excess_mm(fitted: &FitResult, doubt: f64) -> f64 {
         .sqrt()
 }
 
-fn names(structure: &Structure) -> Vec<String> {
-    let id = |&e: &usize| effects::ALL[e].id.to_owned();
-    structure.effects.iter().map(id).collect()
-}
-
 /// Effects that leave more than noise and the simulation's own error are stand-ins, or causes beside another. `removed`
 /// is their share of the excess, `left_mm` what they leave.
 fn stand_in(structure: &Structure, evaluation: &Evaluation, [removed, left_mm]: [f64; 2]) -> Verdict {
@@ -111,7 +105,7 @@ fn stand_in(structure: &Structure, evaluation: &Evaluation, [removed, left_mm]: 
         hint: format!(
             "{} would take away {:.0} % of the excess over the noise, but leave {left_mm:.1} mm of it: not the whole \
              cause, or stand-ins for it; {}",
-            names(structure).join(" and "),
+            structure.ids().join(" and "),
             100.0 * removed,
             hint(evaluation)
         ),
@@ -119,7 +113,7 @@ fn stand_in(structure: &Structure, evaluation: &Evaluation, [removed, left_mm]: 
 }
 
 fn explained(structure: &Structure, estimates: &[Estimate], rivals: &[String]) -> Verdict {
-    let mut effects_found = names(structure);
+    let mut effects_found = structure.ids();
     if !rivals.is_empty() {
         // Earlier effects stand; only the last one has rivals.
         let mut alike = effects_found.split_off(effects_found.len() - 1);
@@ -166,6 +160,7 @@ mod tests {
     use super::super::round::Refit;
     use super::super::score::ScoreTable;
     use super::*;
+    use crate::effects;
     use crate::fit::{StopReason, estimates};
     use crate::observe::Row;
     use nalgebra::DMatrix;

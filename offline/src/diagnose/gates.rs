@@ -209,6 +209,16 @@ mod tests {
         }
     }
 
+    fn estimate(value: f64, standard_error: f64) -> Estimate {
+        Estimate {
+            name: String::new(),
+            unit: String::new(),
+            value,
+            standard_error,
+            identified: true,
+        }
+    }
+
     /// A lag of 5 ms beside a tip mass: both have to be physical, each by its own parameters.
     #[test]
     fn a_model_is_physical_where_all_its_effects_are() {
@@ -217,14 +227,7 @@ mod tests {
         let structure = with("gripper_lag", with("tip_mass", Structure::default()));
         let physical = |tip_mass_kg: f64, lag_s: f64| {
             let values = [14.0, 0.3, tip_mass_kg, lag_s];
-            let estimate = |value: f64| Estimate {
-                name: String::new(),
-                unit: String::new(),
-                value,
-                standard_error: 0.001,
-                identified: true,
-            };
-            all_physical(&structure, &values.map(estimate))
+            all_physical(&structure, &values.map(|value| estimate(value, 0.001)))
         };
         let [mass, lag] = ["tip_mass", "gripper_lag"]
             .map(|id| effects::ALL[effects::find(id).expect("in the registry")].parameters[0]);
@@ -238,28 +241,12 @@ mod tests {
     /// all that is physical, or a share of nothing, is no such case.
     #[test]
     fn another_missing_cause_excuses_an_uncertain_value_and_a_small_share_held_out() {
-        let score = Score {
-            id: "tip_mass".into(),
-            statistic: 100.0,
-            threshold: 10.0,
-            estimate: Vec::new(),
-            standard_error: Vec::new(),
-            absorbed_share: 0.0,
-            nearest_rival: None,
-            rival_cosine: 0.0,
-            family: Vec::new(),
-        };
+        let score = Score::alone("tip_mass", 100.0, 10.0);
         let options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
         let passes = |mass_kg: f64, fit_mm: f64, held_out_mm: f64| {
             let refit = Refit {
                 id: "tip_mass".into(),
-                parameters: vec![Estimate {
-                    name: String::new(),
-                    unit: String::new(),
-                    value: mass_kg,
-                    standard_error: mass_kg,
-                    identified: true,
-                }],
+                parameters: vec![estimate(mass_kg, mass_kg)],
                 theta: Vec::new(),
                 fit: residual(fit_mm),
                 held_out: residual(held_out_mm),

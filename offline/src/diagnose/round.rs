@@ -495,15 +495,8 @@ mod tests {
 
     fn score(id: &str, statistic: f64, threshold: f64, family: &[&str]) -> Score {
         Score {
-            id: id.into(),
-            statistic,
-            threshold,
-            estimate: Vec::new(),
-            standard_error: Vec::new(),
-            absorbed_share: 0.0,
-            nearest_rival: None,
-            rival_cosine: 0.0,
             family: family.iter().map(ToString::to_string).collect(),
+            ..Score::alone(id, statistic, threshold)
         }
     }
 

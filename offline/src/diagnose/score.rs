@@ -35,6 +35,22 @@ pub struct Score {
 }
 
 impl Score {
+    /// One that no other effect resembles.
+    #[cfg(test)]
+    pub(super) fn alone(id: &str, statistic: f64, threshold: f64) -> Self {
+        Self {
+            id: id.into(),
+            statistic,
+            threshold,
+            estimate: Vec::new(),
+            standard_error: Vec::new(),
+            absorbed_share: 0.0,
+            nearest_rival: None,
+            rival_cosine: 0.0,
+            family: Vec::new(),
+        }
+    }
+
     /// Index into [`effects::ALL`].
     pub fn effect(&self) -> usize {
         effects::find(&self.id).expect("the registry scored it")

@@ -92,6 +92,7 @@ pub fn grid_shift(
     evaluation: &Evaluation,
 ) -> Result<Vec<f64>, FitError> {
     let theta = &evaluation.theta;
+    let problem = problem.settled(structure, theta)?;
     let usual = problem.predict(structure, theta)?;
     let shift = |divide: &Division| {
         let mut other = problem.clone();

@@ -99,21 +99,27 @@ pub fn fit_starts(
     let scored: Vec<_> = starts
         .into_par_iter()
         .map(|theta| {
-            problem
-                .residuals(structure, &theta)
-                .map(|e| (robust_cost(&e, DEFAULT_HUBER), theta))
+            let here = problem.settled(structure, &theta)?;
+            let residuals = here.residuals(structure, &theta)?;
+            Ok((robust_cost(&residuals, DEFAULT_HUBER), theta, here))
         })
         .collect();
-    let mut starts: Vec<(f64, Vec<f64>)> = scored.iter().filter_map(|s| s.as_ref().ok().cloned()).collect();
+    let (mut starts, mut failures) = (Vec::new(), Vec::new());
+    for start in scored {
+        match start {
+            Ok(start) => starts.push(start),
+            Err(error) => failures.push(error),
+        }
+    }
     if starts.is_empty() {
-        let first = scored.into_iter().find_map(Result::err);
+        let first = failures.into_iter().next();
         return Err(first.unwrap_or_else(|| FitError::NoStart("no start was given".into())));
     }
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     starts.truncate(options.followed.max(1));
     let results: Vec<_> = starts
         .into_par_iter()
-        .map(|(_, theta)| fit_from(problem, structure, theta, options.max_evaluations))
+        .map(|(_, theta, here)| fit_settled(here, structure, theta, options.max_evaluations.into()))
         .collect();
     let mut best: Option<FitResult> = None;
     let mut ends = Vec::new();
@@ -166,18 +172,28 @@ pub fn fit_from(
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
     let here = problem.settled(structure, &theta)?;
+    fit_settled(here, structure, theta, budget.into())
+}
+
+/// The same for a problem that is settled at θ.
+fn fit_settled(
+    here: Problem,
+    structure: &Structure,
+    theta: Vec<f64>,
+    budget: Budget,
+) -> Result<FitResult, FitError> {
     let start = here.evaluate_settled(structure, &theta)?;
-    Ok(descend_in(here, structure, start, budget.into()))
+    Ok(descend_settled(here, structure, start, budget))
 }
 
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
 pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let here = problem.settled(structure, &start.theta);
-    descend_in(here.unwrap_or_else(|_| problem.clone()), structure, start, budget)
+    descend_settled(here.unwrap_or_else(|_| problem.clone()), structure, start, budget)
 }
 
 /// The same for a problem that is settled at the start.
-fn descend_in(mut here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
+fn descend_settled(mut here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let info = structure.parameters();
     let mut best = start;
     let mut cost = total_cost(&best, &info);

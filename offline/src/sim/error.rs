@@ -149,10 +149,11 @@ pub struct SimError {
 impl SimError {
     /// A refusal before the first step.
     pub fn at_start(cause: Cause) -> Self {
-        Self {
-            step: 0,
-            t_s: 0.0,
-            cause,
-        }
+        Self::of_pose(0.0, cause)
+    }
+
+    /// A rest state that was not found, or is refused, with the clamps as they are at a time.
+    pub fn of_pose(t_s: f64, cause: Cause) -> Self {
+        Self { step: 0, t_s, cause }
     }
 }

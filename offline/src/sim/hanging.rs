@@ -55,11 +55,9 @@ pub(super) fn hang_still<T: Real>(
     let layout = scene.layout();
     let members = layout.section_m.len();
     let frame = |pose: &Pose| {
-        let nodes = statics.solve(pose).map_err(|cause| SimError {
-            step: 0,
-            t_s: pose.t_s,
-            cause,
-        })?;
+        let nodes = statics
+            .solve(pose)
+            .map_err(|cause| SimError::of_pose(pose.t_s, cause))?;
         let middle = |slice: usize| {
             let of_slice = slice * members..(slice + 1) * members;
             let sum = of_slice.fold(zero3(), |sum, p| add(sum, statics.particle(&nodes, p).0));

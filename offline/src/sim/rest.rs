@@ -55,7 +55,7 @@ pub struct Near {
 }
 
 impl Near {
-    fn new<T: Real>(statics: &Statics<T>, nodes_m: Nodes<f64>) -> Self {
+    fn new(statics: &Statics<f64>, nodes_m: Nodes<f64>) -> Self {
         let placed = (0..statics.layout.particles()).map(|p| placed(&statics.grid, &nodes_m, p));
         Self {
             layout: statics.layout.clone(),
@@ -79,15 +79,11 @@ impl Near {
 
     /// Where a point of the undeformed rope is: to first order from the particle next to it.
     fn place(&self, material_m: Vec3<f64>) -> Placed {
-        let least = |distances: &mut dyn Iterator<Item = f64>| {
-            let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-            nearest.map_or(0, |(index, _)| index)
-        };
         let [arc_m, side_m, up_m] = material_m;
         let Self { layout, placed, .. } = self;
-        let slice = least(&mut layout.slices.iter().map(|s| (s.arc_m - arc_m).abs()));
+        let slice = least(layout.slices.iter().map(|s| (s.arc_m - arc_m).abs()));
         let away_m = |at: &[f64; 2]| (at[0] - side_m).hypot(at[1] - up_m);
-        let member = least(&mut layout.section_m.iter().map(away_m));
+        let member = least(layout.section_m.iter().map(away_m));
         let p = slice * layout.section_m.len() + member;
         let further = sub(material_m, layout.material_m(p));
         let next = placed[p];
@@ -96,6 +92,12 @@ impl Near {
             ..next
         }
     }
+}
+
+/// Index of the least number.
+fn least(numbers: impl Iterator<Item = f64>) -> usize {
+    let least = numbers.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+    least.map_or(0, |(index, _)| index)
 }
 
 /// When a search from near by ends.
@@ -174,11 +176,7 @@ pub fn settle_poses(scene: &mut Scene, physics: &Physics<f64>) -> Result<(), Sim
     let statics = Statics::new(scene, physics);
     let find = |pose: &Pose| match statics.solve(pose) {
         Ok(nodes_m) => Ok(Near::new(&statics, nodes_m)),
-        Err(cause) => Err(SimError {
-            step: 0,
-            t_s: pose.t_s,
-            cause,
-        }),
+        Err(cause) => Err(SimError::of_pose(pose.t_s, cause)),
     };
     let found: Vec<Near> = hang.poses.par_iter().map(find).collect::<Result<_, _>>()?;
     let poses = scene

@@ -323,7 +323,7 @@ impl<'a> Desk<'a> {
                 Err(error) => motion.failed = Some(error.clone()),
             }
         }
-        let names: Vec<Vec<String>> = models.iter().map(Model::names).collect();
+        let names: Vec<Vec<String>> = models.iter().map(|m| m.structure.ids()).collect();
         let (proposed, in_words) = choose_separating(&motions, &names);
         let question = Question::TellApart { models: names };
         NextDemonstration {

@@ -31,10 +31,6 @@ impl Model {
         }
     }
 
-    pub(super) fn names(&self) -> Vec<String> {
-        self.structure.ids()
-    }
-
     /// Standard deviations of the priors of θ; those of effects from index `free` on are a nuisance's.
     pub(super) fn prior_sd(&self, free: usize) -> Vec<f64> {
         let count = |&e: &usize| effects::ALL[e].parameters.len();
@@ -103,5 +99,5 @@ pub fn still_alike(
     order.sort_by(|&a, &b| fits[a].best.rms_m().total_cmp(&fits[b].best.rms_m()));
     let best = order[0];
     order.retain(|&m| m == best || ties(&fits[best], &fits[m]));
-    Ok(order.into_iter().map(|m| models[m].names()).collect())
+    Ok(order.into_iter().map(|m| models[m].structure.ids()).collect())
 }
