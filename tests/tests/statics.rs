@@ -5,7 +5,7 @@ use offline::demo::{
     ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
     StartState,
 };
-use offline::fit::{FitOptions, Problem, Resolution, estimates, fit, fit_from};
+use offline::fit::{FitOptions, Problem, Resolution, estimates, fit, fit_from, fit_from_first};
 use offline::model::Structure;
 use offline::observe::bracket;
 use offline::sim::scene::Settling;
@@ -337,6 +337,19 @@ fn a_pose_does_not_depend_on_where_its_search_began() {
     }
 }
 
+/// Poses are one after the other in a file, but nothing moves from one to the next.
+#[test]
+fn a_clamp_that_stands_still_lags_behind_nothing() {
+    let demo = CABLE.poses(&[-0.2, 0.2, 0.6], &[0.5, 1.0]);
+    let problem = Problem::new(&[&demo], Resolution { cells: CELLS }).unwrap();
+    let frames = |lag_s: f64| {
+        let theta = [CABLE.young_pa.ln(), 0.3, lag_s];
+        let predicted = problem.predict(&with_effect("gripper_lag"), &theta).unwrap();
+        predicted[0].frames.clone()
+    };
+    assert_eq!(frames(0.2), frames(0.0));
+}
+
 fn options() -> FitOptions {
     FitOptions {
         starts_pa: vec![4.0e6],
@@ -366,6 +379,24 @@ fn the_fit_of_static_poses_finds_the_stiffness_of_the_elastica() {
     let demo = CABLE.poses(&[-1.0, -0.5, 0.0, 0.5], &[0.5, 0.8, 1.0]);
     let error = young_found(&demo) / CABLE.young_pa - 1.0;
     assert!(error.abs() < GRID_ERROR, "E is off by {:.1} %", 100.0 * error);
+}
+
+/// A refit starts from an estimate that may be far too large.
+#[test]
+fn a_start_that_cannot_be_simulated_or_is_worse_than_nothing_gives_way_to_the_next() {
+    let demo = CABLE.poses(&[-1.0, -0.5, 0.0, 0.5], &[0.5, 0.8, 1.0]);
+    let problem = Problem::new(&[&demo], Resolution { cells: CELLS }).unwrap();
+    let first_of = |young_pa: &[f64], below: f64| {
+        let starts = young_pa.iter().map(|young_pa| vec![young_pa.ln(), 0.3]);
+        fit_from_first(&problem, &Structure::default(), starts, below, 1)
+    };
+    let (none, far, near) = (1e-2, 4.0 * CABLE.young_pa, CABLE.young_pa);
+    let chosen = |below: f64| first_of(&[none, far, near], below).unwrap().best.theta[0].exp();
+    let is = |young_pa: f64, wanted: f64| (young_pa / wanted - 1.0).abs() < 1e-9;
+    assert!(is(chosen(f64::INFINITY), far), "the first that can be simulated");
+    assert!(is(chosen(0.0), near), "the best where none is good enough");
+    assert!(first_of(&[none], 0.0).is_err(), "none");
+    assert!(first_of(&[], 0.0).is_err());
 }
 
 /// Curvature towards the side bends a rope out of the plane in which it is seen: nothing measured tells it, and a

@@ -7,7 +7,7 @@ use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
     Budget, Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
-    flows, grid_errors,
+    fit_from_first, flows, grid_errors,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -59,13 +59,17 @@ const HOPELESS: f64 = 2.0;
 const SPRINT_EVALUATIONS: usize = 3;
 /// How many of them go on: those of least cost.
 const GO_ON: usize = 3;
+/// Sizes of an effect, as multiples of the one-step estimate, at which a refit starts: the first that is better than
+/// nothing. From a rope far off a one-step estimate overshoots, as far as to ropes that cannot be simulated.
+const FIRST_SIZES: [f64; 3] = [1.0, 0.25, 0.0625];
 /// Sizes of an effect, as multiples of the one-step estimate, at which refits start again where none explains what is
 /// left.
 const OTHER_SIZES: [f64; 2] = [0.25, 4.0];
 /// Evaluations after which such a start is given up if it has not come further than the first.
 const SECOND_EVALUATIONS: usize = 4;
 /// An effect whose score is below this share of the best is not refitted: it cannot be the whole cause, and a
-/// later round, without the whole cause in the residual, sees it better.
+/// later round, without the whole cause in the residual, sees it better. The cameras' place is no measure: six free
+/// parameters imitate a part of anything.
 const LEAST_SHARE: f64 = 0.1;
 
 /// A refit with the model that it gave.
@@ -257,9 +261,13 @@ fn from_elsewhere(
 /// tell its members apart, and whatever the other scores hold to be free; then the others, best first. What flows is
 /// never among the best: its refit takes up to four times as long, and its score, a secant's, says the least.
 fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
-    let best = table.scores.first().map_or(0.0, |s| s.statistic);
-    let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
     let nuisance = |s: &Score| effects::ALL[s.effect()].nuisance;
+    let best = table
+        .scores
+        .iter()
+        .find(|s| !nuisance(s))
+        .map_or(0.0, |s| s.statistic);
+    let worth = |s: &&Score| s.significant() && s.statistic >= LEAST_SHARE * best;
     let all: Vec<&Score> = table.scores.iter().filter(worth).collect();
     let ranked = all
         .iter()
@@ -395,7 +403,8 @@ fn start(fitted: &FitResult, structure: &Structure, score: &Score, larger: f64) 
     theta
 }
 
-/// The very first evaluations of a refit, from the one-step estimate.
+/// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
+/// nothing.
 fn started(
     bench: &Bench,
     structure: &Structure,
@@ -403,8 +412,9 @@ fn started(
     score: &Score,
     budget: Budget,
 ) -> Result<FitResult, FitError> {
-    let theta = start(fitted, structure, score, 1.0);
-    fit_from(&bench.fit, &structure.with(score.effect()), theta, budget)
+    let next = structure.with(score.effect());
+    let starts = FIRST_SIZES.map(|size| start(fitted, structure, score, size));
+    fit_from_first(&bench.fit, &next, starts, fitted.cost, budget)
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
@@ -500,28 +510,47 @@ mod tests {
         }
     }
 
+    fn table(scores: Vec<Score>) -> ScoreTable {
+        ScoreTable {
+            scores,
+            discretisation_mm: 0.0,
+            untested: Vec::new(),
+        }
+    }
+
     /// Seen on a rope with a tip mass: drag and friction had the better scores, and nothing else was refitted.
     #[test]
     fn whatever_scores_a_tenth_of_the_best_gets_its_refit_the_best_and_its_family_first() {
-        let table = ScoreTable {
-            scores: vec![
-                score("yield", 2300.0, 25.0, &[]),
-                score("air_drag", 2263.0, 81.0, &["density_gradient"]),
-                score("table_friction", 2254.0, 99.0, &[]),
-                score("tip_mass", 1758.0, 106.0, &[]),
-                score("density_gradient", 1453.0, 59.0, &[]),
-                score("camera_offset", 800.0, 35.0, &[]),
-                score("internal_damping", 795.0, 900.0, &[]),
-                score("bending_ratio", 31.0, 25.0, &[]),
-            ],
-            discretisation_mm: 0.0,
-            untested: Vec::new(),
-        };
+        let table = table(vec![
+            score("yield", 2300.0, 25.0, &[]),
+            score("air_drag", 2263.0, 81.0, &["density_gradient"]),
+            score("table_friction", 2254.0, 99.0, &[]),
+            score("tip_mass", 1758.0, 106.0, &[]),
+            score("density_gradient", 1453.0, 59.0, &[]),
+            score("camera_offset", 800.0, 35.0, &[]),
+            score("internal_damping", 795.0, 900.0, &[]),
+            score("bending_ratio", 31.0, 25.0, &[]),
+        ]);
         let (first, others) = leading(&table, 2);
         assert_eq!(
             names(&first),
             ["air_drag", "table_friction", "density_gradient", "camera_offset"]
         );
         assert_eq!(names(&others), ["yield", "tip_mass"]);
+    }
+
+    /// Seen on a cable that is bent where it rests: nothing but the cameras' place was refitted.
+    #[test]
+    fn where_the_cameras_stand_keeps_no_effect_from_its_refit() {
+        let table = table(vec![
+            score("camera_offset", 46376.0, 16.0, &[]),
+            score("rest_curvature", 3768.0, 9.0, &[]),
+            score("gripper_lag", 992.0, 6.0, &[]),
+            score("tilted_gravity", 490.0, 8.0, &[]),
+            score("tip_mass", 279.0, 6.0, &[]),
+        ]);
+        let (first, others) = leading(&table, 2);
+        assert_eq!(names(&first), ["camera_offset", "rest_curvature", "gripper_lag"]);
+        assert_eq!(names(&others), ["tilted_gravity"]);
     }
 }

@@ -7,6 +7,7 @@ use super::noise::Noise;
 use super::round::{Found, Round, Standing, one_round};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::{Demo, SceneKind};
+use crate::effects;
 use crate::fit::{
     Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, estimates,
     estimates_within, fit, fit_from, grid_shift,
@@ -26,7 +27,7 @@ pub struct LoopOptions {
     pub fit: FitOptions,
     /// How many of the best effects go first when a round refits; others follow where these leave something.
     pub refits: usize,
-    /// Most effects that are accepted.
+    /// Most effects that are accepted; those of the cameras do not count.
     pub max_effects: usize,
     /// Smallest relative drop of the held-out error that counts.
     pub smallest_gain: f64,
@@ -388,7 +389,7 @@ fn all_rounds(
                 at.now = before;
                 break;
             }
-            (Found::InCompany(next), None) if next.structure.effects.len() < options.max_effects => {
+            (Found::InCompany(next), None) if physical_effects(&next.structure) < options.max_effects => {
                 progress("nothing passes alone: the best goes along on trial");
                 at.on_trial_since = Some(std::mem::replace(&mut at.now, next));
             }
@@ -422,10 +423,16 @@ impl SoFar {
     /// Whether there is something left that a further round could explain.
     fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
         let fitted = &self.now.fitted;
-        self.now.structure.effects.len() < options.max_effects
+        physical_effects(&self.now.structure) < options.max_effects
             && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
             && !only_numerical(fitted, &self.rounds, bench.doubt(fitted))
     }
+}
+
+/// How many effects of a model are the rope's or the rig's: where the cameras stand is no theory of either.
+fn physical_effects(structure: &Structure) -> usize {
+    let physical = |&&effect: &&usize| !effects::ALL[effect].nuisance;
+    structure.effects.iter().filter(physical).count()
 }
 
 /// Whether a model explains what one before it left, with physical values throughout.

@@ -12,5 +12,7 @@ pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, FrameShare, Library, Problem, Resolution};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
-pub use solver::{Budget, FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_starts};
+pub use solver::{
+    Budget, FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_from_first, fit_starts,
+};
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -186,6 +186,36 @@ fn fit_settled(
     Ok(descend_settled(here, structure, start, budget))
 }
 
+/// Descends from the first of some starts that costs less than `below`, or from the best of them where none does; returns
+/// the best iterate.
+///
+/// # Errors
+/// No start can be simulated, or too little was measured there.
+pub fn fit_from_first(
+    problem: &Problem,
+    structure: &Structure,
+    starts: impl IntoIterator<Item = Vec<f64>>,
+    below: f64,
+    budget: impl Into<Budget>,
+) -> Result<FitResult, FitError> {
+    let info = structure.parameters();
+    let mut tried = Vec::new();
+    for theta in starts {
+        let here = problem.settled(structure, &theta);
+        let one = here.and_then(|here| Ok((here.evaluate_settled(structure, &theta)?, here)));
+        let one = one.map(|(evaluation, here)| (total_cost(&evaluation, &info), here, evaluation));
+        let enough = one.as_ref().is_ok_and(|one| one.0 < below);
+        tried.push(one);
+        if enough {
+            break;
+        }
+    }
+    let cost = |one: &Result<_, _>| one.as_ref().map_or(f64::INFINITY, |one: &(f64, _, _)| one.0);
+    let best = tried.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let (_, here, start) = best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))?;
+    Ok(descend_settled(here, structure, start, budget.into()))
+}
+
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
 pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let here = problem.settled(structure, &start.theta);

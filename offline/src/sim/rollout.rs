@@ -335,7 +335,12 @@ pub fn grip_motions<T: Real>(
             None => first.map(T::of),
         };
         let held_m = [first[0], first[1], first[2]];
-        let laws = &physics.path_laws;
+        // Of poses at rest each is there long before it is seen: what comes late has arrived.
+        let laws: &[_] = if matches!(scene.start, Start::Poses(_)) {
+            &[]
+        } else {
+            &physics.path_laws
+        };
         Some(RigidMotion::at(&recorded, &start, held_m, laws, t_s + dt_s))
     };
     scene.grips.iter().enumerate().map(motion).collect()
