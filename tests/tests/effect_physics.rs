@@ -63,6 +63,28 @@ fn a_free_rope_takes_its_rest_curvature() {
     }
 }
 
+/// A free rope without weight whose natural curvature grows along it is a clothoid: its direction turns with the square of
+/// arc length.
+#[test]
+fn a_free_rope_with_a_curvature_gradient_is_a_clothoid() {
+    let shape = rope(0.16, 0.014);
+    let scene = settled(shape, LEVEL, vec![], 0.5, 40.0);
+    let growth = [24.0, -32.0];
+    let mut physics = with(0.4e6, &[("curvature_gradient", &growth)]);
+    physics.gravity_m_s2 = [0.0; 3];
+    let frame = last_frame(&scene, &physics);
+    let chord = |i: usize| Vector3::from(frame[i + 1]) - Vector3::from(frame[i]);
+    let n = frame.len() - 1;
+    let middle_m = |i: usize| 0.16 * (i as f64 + 0.5) / n as f64;
+    for i in [n / 2, 3 * n / 4, n - 1] {
+        let turn = 0.5 * 40.0 * (middle_m(i).powi(2) - middle_m(0).powi(2));
+        close(chord(0).angle(&chord(i)), turn, 0.03, "turn");
+        let axis = chord(0).cross(&chord(i)).normalize();
+        let expected = Vector3::new(0.0, -growth[1], growth[0]).normalize();
+        assert!(axis.dot(&expected) > 0.999, "{axis}");
+    }
+}
+
 /// The centre of mass moves by g L/12 and the mass stays.
 #[test]
 fn a_density_gradient_moves_the_centre_of_mass() {

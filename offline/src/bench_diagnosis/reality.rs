@@ -64,6 +64,7 @@ const UNITS: &[(&str, &[f64])] = &[
     ("air_drag", &[0.3, 0.014, 0.0]),
     ("tilted_gravity", &[0.01, 0.006]),
     ("rest_curvature", &[0.0, 0.1]),
+    ("curvature_gradient", &[0.0, 0.5]),
     ("steady_wind", &[1.0, 0.6]),
     ("camera_offset", &[0.001, 0.001, -0.001, 0.0, 0.005, 0.0]),
 ];

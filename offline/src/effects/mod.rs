@@ -41,6 +41,7 @@ mod bending_ratio;
 mod camera_offset;
 mod clamp_compliance;
 mod clock_offset;
+mod curvature_gradient;
 mod density_gradient;
 mod gripper_lag;
 mod internal_damping;
@@ -145,6 +146,7 @@ registry!(
     tip_mass,
     density_gradient,
     rest_curvature,
+    curvature_gradient,
     bending_ratio,
     strain_stiffening,
     yield_strain,
