@@ -84,7 +84,7 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if !explains(facts.base, fitted, facts.doubt, numerical_mm) {
         reasons.push(ReasonCode::ProxySuspected);
         let removed = excess_removed(facts.base, &now, numerical_mm);
-        return (stand_in(structure, &fitted.best, [removed, left_mm]), reasons);
+        return (stand_in(facts, [removed, left_mm]), reasons);
     }
     (explained(structure, facts.estimates, facts.rivals), reasons)
 }
@@ -100,14 +100,19 @@ pub(super) fn excess_mm(fitted: &FitResult, doubt: f64) -> f64 {
 
 /// Effects that leave more than noise and the simulation's own error are stand-ins, or causes beside another. `removed`
 /// is their share of the excess, `left_mm` what they leave.
-fn stand_in(structure: &Structure, evaluation: &Evaluation, [removed, left_mm]: [f64; 2]) -> Verdict {
+fn stand_in(facts: &Facts, [removed, left_mm]: [f64; 2]) -> Verdict {
+    let effects = facts.structure.ids();
+    let alike = match (effects.last(), facts.rivals) {
+        (None, _) | (_, []) => String::new(),
+        (Some(last), rivals) => format!(" (so would {} instead of {last})", rivals.join(" or ")),
+    };
     Verdict::Unexplained {
         hint: format!(
-            "{} would take away {:.0} % of the excess over the noise, but leave {left_mm:.1} mm of it: not the whole \
-             cause, or stand-ins for it; {}",
-            structure.ids().join(" and "),
+            "{} would take away {:.0} % of the excess over the noise{alike}, but leave {left_mm:.1} mm of it: not the \
+             whole cause, or stand-ins for it; {}",
+            effects.join(" and "),
             100.0 * removed,
-            hint(evaluation)
+            hint(&facts.fitted.best)
         ),
     }
 }
@@ -219,6 +224,7 @@ mod tests {
         structure: &Structure,
         [before_m, after_m]: [f64; 2],
         discretisation_mm: f64,
+        rivals: &[String],
     ) -> (Verdict, Vec<ReasonCode>) {
         let base = fitted(&Structure::default(), before_m);
         let fitted = fitted(structure, after_m);
@@ -228,7 +234,7 @@ mod tests {
             fitted: &fitted,
             estimates: &estimates(&fitted.best, structure),
             rounds: &[fruitless_round(discretisation_mm)],
-            rivals: &[],
+            rivals,
             demos: [1, 1],
             pure_error: true,
             doubt: 0.0,
@@ -239,7 +245,7 @@ mod tests {
     #[test]
     fn effects_that_leave_more_than_noise_and_grid_explain_nothing() {
         let structure = Structure { effects: vec![0] };
-        let verdict = |before_m: f64, after_m: f64| verdict_of(&structure, [before_m, after_m], 0.5);
+        let verdict = |before_m: f64, after_m: f64| verdict_of(&structure, [before_m, after_m], 0.5, &[]);
         let (said, reasons) = verdict(5e-3, 1.5e-3);
         let Verdict::Unexplained { hint } = &said else {
             panic!("{said}")
@@ -255,11 +261,27 @@ mod tests {
         assert!(matches!(strong, Verdict::Explained { .. }), "{strong}");
     }
 
+    /// A cable's poses were as well explained by its curl as by gravity that leans, and only one of them was told.
+    #[test]
+    fn what_would_do_as_well_as_a_stand_in_is_told() {
+        let structure = Structure { effects: vec![0] };
+        let rivals = ["rest_curvature", "curvature_gradient"].map(String::from);
+        let (said, _) = verdict_of(&structure, [5e-3, 1.5e-3], 0.5, &rivals);
+        let Verdict::Unexplained { hint } = &said else {
+            panic!("{said}")
+        };
+        let told = format!(
+            "(so would rest_curvature or curvature_gradient instead of {})",
+            effects::ALL[0].id
+        );
+        assert!(hint.contains(&told), "{hint}");
+    }
+
     /// The benchmark's ropes without any cause were called unexplained because some effect imitated the
     /// simulation's own error, though it failed every gate.
     #[test]
     fn what_is_no_larger_than_the_simulations_own_error_lacks_nothing() {
-        let bare = |rms_m: f64| verdict_of(&Structure::default(), [rms_m; 2], 1.0);
+        let bare = |rms_m: f64| verdict_of(&Structure::default(), [rms_m; 2], 1.0, &[]);
         let (verdict, reasons) = bare(1.2e-3);
         assert_eq!(verdict, Verdict::NothingMissing);
         assert!(reasons.contains(&ReasonCode::Numerical));

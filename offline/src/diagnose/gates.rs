@@ -51,11 +51,11 @@ pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -
     (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt()
 }
 
-/// Gates that need no further simulation.
+/// Gates that need no further simulation, of a refit in which so many of the effect's parameters are free.
 pub(super) fn statistical_gates(
     score: &Score,
     before: (&ResidualSummary, &ResidualSummary),
-    refit: &Refit,
+    (refit, free): (&Refit, usize),
     options: &LoopOptions,
 ) -> Vec<Gate> {
     let spec = &effects::ALL[score.effect()];
@@ -95,7 +95,7 @@ pub(super) fn statistical_gates(
             ),
         ),
         physical_value(spec, &refit.parameters),
-        off_nothing(refit.parameters.len(), fit_before, &refit.fit),
+        off_nothing(free, fit_before, &refit.fit),
         Gate::new(
             "explained share",
             removed >= options.smallest_share,
@@ -156,10 +156,10 @@ fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
 /// what is left has, their noise unknown. A value's distance from nothing in standard errors says the same only where
 /// the rope answers in proportion: a cable's stiffness and end mass, which grow together, may be anything upwards and
 /// yet not nothing.
-fn off_nothing(parameters: usize, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
+fn off_nothing(free: usize, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
     let statistic = 2.0 * after.effective_rows * (before.rms_mm / after.rms_mm).ln();
-    // The points of χ² at two standard errors are 4, 6.2, 8.0 and 9.7 for one to four parameters.
-    let by_chance = 2.0 + 2.0 * parameters as f64;
+    // The points of χ² at two standard errors are 4, 6.2, 8.0 and 9.7 for one to four free parameters.
+    let by_chance = 2.0 + 2.0 * free as f64;
     Gate::new(
         OFF_NOTHING,
         statistic > by_chance,
@@ -269,7 +269,7 @@ mod tests {
                 gates: Vec::new(),
                 passed: false,
             };
-            let gates = statistical_gates(&score, (&residual(4.0), &residual(8.0)), &refit, &options);
+            let gates = statistical_gates(&score, (&residual(4.0), &residual(8.0)), (&refit, 1), &options);
             assert!(!gates.iter().all(|gate| gate.passed));
             pass_in_company(&gates)
         };
@@ -286,7 +286,7 @@ mod tests {
         let worse = |rows: f64| off_nothing(1, &of_rows(7.7, rows), &of_rows(5.1, rows)).passed;
         assert!(worse(18.0));
         assert!(!worse(3.0));
-        let of_many = |parameters| off_nothing(parameters, &of_rows(7.7, 7.0), &of_rows(5.1, 7.0)).passed;
+        let of_many = |free| off_nothing(free, &of_rows(7.7, 7.0), &of_rows(5.1, 7.0)).passed;
         assert!(of_many(1) && !of_many(2));
     }
 

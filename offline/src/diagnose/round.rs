@@ -7,7 +7,7 @@ use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
     Budget, Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
-    fit_from_first, flows, grid_errors,
+    fit_from_first, flows, grid_errors, out_of_plane,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -459,7 +459,9 @@ fn judge(
         gates: Vec::new(),
         passed: false,
     };
-    refit.gates = statistical_gates(score, before, &refit, options);
+    let held = out_of_plane(&bench.fit, &next, &result.best);
+    let free = held[first..].iter().filter(|&&held| !held).count();
+    refit.gates = statistical_gates(score, before, (&refit, free), options);
     if result.stop == StopReason::GivenUp {
         refit.gates.insert(0, given_up(result.evaluations));
     }

@@ -14,5 +14,6 @@ pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use solver::{
     Budget, FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_from_first, fit_starts,
+    out_of_plane,
 };
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -230,7 +230,7 @@ fn descend_settled(mut here: Problem, structure: &Structure, start: Evaluation, 
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
-    let mut held = out_of_plane(&here, &best, &info);
+    let mut held = out_of_plane(&here, structure, &best);
     held[POISSON] |= !tells_poisson(&best, here.stiffness_accuracy);
     let stop = loop {
         if evaluations >= budget.evaluations {
@@ -349,16 +349,15 @@ pub(super) fn normal_equations(
 
 /// Which entries of θ move a rope only out of the plane in which it was seen. They stay where they are: to second
 /// order they would stand in for whatever shortens it there.
-fn out_of_plane(problem: &Problem, evaluation: &Evaluation, info: &[ParameterInfo]) -> Vec<bool> {
+pub fn out_of_plane(problem: &Problem, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
     /// Change of a row over the whole range of a parameter, in standard errors, that is none.
     const NONE: f64 = 0.1;
     let planar = problem.demos.iter().all(|demo| demo.spec.planar);
     let jacobian = evaluation.whitened_jacobian();
     let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
-    info.iter()
-        .enumerate()
-        .map(|entry| planar && !moves(entry))
-        .collect()
+    let info = structure.parameters();
+    let entries = info.iter().enumerate();
+    entries.map(|entry| planar && !moves(entry)).collect()
 }
 
 /// The damped Newton step inside the box, without the entries that are held. Entries that would leave it are put
