@@ -118,8 +118,8 @@ pub(super) fn statistical_gates(
 const OFF_NOTHING: &str = "off nothing";
 const HELD_OUT_SHARE: &str = "explained share, held out";
 
-/// Whether an effect may be a cause beside another that is still missing: what that does to the rope makes the
-/// standard error large, and grows where the fit does not hold it down.
+/// Whether an effect may be a cause beside another that is still missing: what that does to the rope leaves few
+/// independent offsets to judge by, and grows where the fit does not hold it down.
 pub(super) fn pass_in_company(gates: &[Gate]) -> bool {
     let forgiven = |gate: &Gate| [OFF_NOTHING, HELD_OUT_SHARE].contains(&gate.name.as_str());
     gates.iter().all(|gate| gate.passed || forgiven(gate))

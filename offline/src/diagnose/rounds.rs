@@ -359,8 +359,8 @@ struct SoFar {
 /// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
 /// slopes of the last of them.
 ///
-/// Two causes can hide each other: beside what one leaves, the standard error of the other is large, and frames that
-/// are held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
+/// Two causes can hide each other: what one leaves makes the likelihood of the other say little, and frames that are
+/// held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
 /// round more. Both are accepted where they explain it together, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
