@@ -180,6 +180,11 @@ impl RunFolder {
         self.path.join("diagnosis.json")
     }
 
+    /// Intervals by profile likelihood.
+    pub fn profile(&self) -> PathBuf {
+        self.path.join("profile.json")
+    }
+
     /// What an unfinished diagnosis has come to; removed once it is done.
     pub fn memory(&self) -> PathBuf {
         self.path.join("diagnosis.part")

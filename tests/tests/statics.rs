@@ -5,12 +5,16 @@ use offline::demo::{
     ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
     StartState,
 };
-use offline::fit::{FitOptions, Problem, Resolution, estimates, fit, fit_from, fit_from_first};
+use offline::fit::{
+    FitOptions, Problem, Profile, Resolution, estimates, fit, fit_from, fit_from_first, profiles,
+};
 use offline::model::Structure;
 use offline::observe::bracket;
 use offline::sim::scene::Settling;
 use offline::sim::tensor::value3;
 use offline::sim::{Cause, Dual, Physics, Real, Scene, simulate};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use tests::elastica::Elastica;
 
 const G: f64 = 9.81;
@@ -381,6 +385,91 @@ fn the_fit_of_static_poses_finds_the_stiffness_of_the_elastica() {
     assert!(error.abs() < GRID_ERROR, "E is off by {:.1} %", 100.0 * error);
 }
 
+/// Shares of the free length where markers are, as many as make their noise count less than the grid's error.
+const SEEN: [f64; 8] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0];
+
+/// The demonstration with markers seen as inexactly as it then says.
+fn noisy(mut demo: Demo, noise_m: f64) -> Demo {
+    demo.spec.noise_m = noise_m;
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let Observations::Markers(markers) = &mut demo.observations else {
+        panic!("markers");
+    };
+    let amplitude_m = 3f64.sqrt() * noise_m;
+    for place in markers.iter_mut().flat_map(|marker| &mut marker.position_m) {
+        *place += rng.random_range(-amplitude_m..amplitude_m);
+    }
+    demo
+}
+
+/// Profiles of a model fitted from a start, and standard errors of the same parameters in units of θ.
+fn profiled(demo: &Demo, structure: &Structure, theta: Vec<f64>) -> Vec<(Profile, f64)> {
+    let problem = Problem::new(&[demo], Resolution { cells: CELLS }).unwrap();
+    let fitted = fit_from(&problem, structure, theta, 12).unwrap();
+    let all = estimates(&fitted.best, structure);
+    let nowhere = vec![0.0; all.len()];
+    let found = profiles(&problem, structure, &fitted, (&all, &nowhere)).unwrap();
+    let with_error = |profile: Profile| {
+        let estimate = all.iter().find(|e| e.name == profile.name).unwrap();
+        println!(
+            "{}: {:.4e} ± {:.1e}, {profile}",
+            profile.name, estimate.value, estimate.standard_error
+        );
+        (profile, estimate.standard_error)
+    };
+    found.into_iter().map(with_error).collect()
+}
+
+#[test]
+fn where_a_rope_answers_in_proportion_the_profile_is_the_interval_of_the_standard_error() {
+    let demo = noisy(CABLE.poses(&[-1.0, -0.5, 0.0, 0.5], &SEEN), 1e-3);
+    let all = profiled(&demo, &Structure::default(), vec![CABLE.young_pa.ln(), 0.3]);
+    let [(young, error)] = &all[..] else {
+        panic!("these poses tell nothing of Poisson's ratio");
+    };
+    let half_width = 1.96 * error / young.value;
+    for end in [young.low, young.high] {
+        let distance = (end.unwrap() / young.value).ln().abs();
+        assert!(
+            (distance / half_width - 1.0).abs() < 0.1,
+            "{distance} of {half_width}"
+        );
+    }
+}
+
+/// A sag known to a share goes with 1/E: the stiffness is known to a larger share upwards than downwards.
+#[test]
+fn where_a_rope_hardly_sags_its_stiffness_is_less_certain_upwards() {
+    let stiff = Rope {
+        young_pa: 2.0e7,
+        ..CABLE
+    };
+    let demo = noisy(stiff.poses(&[-0.4, -0.2, 0.0, 0.2], &[0.4, 0.7, 1.0]), 0.03);
+    let all = profiled(&demo, &Structure::default(), vec![stiff.young_pa.ln(), 0.3]);
+    let (young, _) = &all[0];
+    let [down, up] = [
+        young.value / young.low.unwrap(),
+        young.high.unwrap() / young.value,
+    ];
+    assert!(up > down, "{down} down, {up} up");
+}
+
+#[test]
+fn where_the_data_allow_any_stiffness_upwards_the_profile_has_no_upper_end() {
+    let stiff = Rope {
+        young_pa: 1.0e8,
+        ..CABLE
+    };
+    let mut demo = stiff.poses(&[-0.4, -0.2, 0.0, 0.2], &[0.5, 0.8, 1.0]);
+    demo.spec.noise_m = 0.01;
+    let all = profiled(&demo, &Structure::default(), vec![stiff.young_pa.ln(), 0.3]);
+    let (young, _) = &all[0];
+    assert!(
+        young.high.is_none() && young.low.is_some_and(|low| low < stiff.young_pa),
+        "{young}"
+    );
+}
+
 /// A refit starts from an estimate that may be far too large.
 #[test]
 fn a_start_that_cannot_be_simulated_or_is_worse_than_nothing_gives_way_to_the_next() {
@@ -416,6 +505,26 @@ fn what_moves_a_rope_only_out_of_its_plane_is_not_fitted() {
     assert_ne!(theta[3], 0.1, "in the plane it is fitted");
     demo.spec.planar = false;
     assert_ne!(problem(&demo)[2], 1e-7, "seen from all sides it is fitted");
+}
+
+/// A cable with natural curvature moved out of its plane by rounding alone, and a score made a curvature of 1.2 1/m
+/// towards the side of it, from which a refit then went on.
+#[test]
+fn what_moves_a_rope_only_out_of_its_plane_is_not_scored() {
+    let mut demo = CABLE.poses(&[0.2, 0.6, 1.0], &SEEN);
+    let rest_curvature = offline::effects::find("rest_curvature").unwrap();
+    let slopes = |demo: &Demo| {
+        let problem = Problem::new(&[demo], Resolution { cells: CELLS }).unwrap();
+        let theta = [CABLE.young_pa.ln(), 0.3, 0.0, 1.0];
+        let library = problem.library(&with_effect("curvature_gradient"), &theta, &[rest_curvature]);
+        let jacobian = library.unwrap().evaluation.jacobian;
+        [4, 5].map(|k| jacobian.column(k).amax())
+    };
+    demo.spec.planar = true;
+    let [side, up] = slopes(&demo);
+    assert!(side == 0.0 && up > 0.0, "{side} {up}");
+    demo.spec.planar = false;
+    assert!(slopes(&demo)[0] > 0.0, "seen from all sides it is scored");
 }
 
 /// A loop as in `wires`: level clamps, the wire leaves both away from the gap between them. Its shape

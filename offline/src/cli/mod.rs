@@ -130,6 +130,10 @@ struct RunArguments {
     /// How much to do.
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
+    /// Also find 95 % intervals by profile likelihood: some twenty fits for every parameter, and right where a standard
+    /// error, the same on both sides, is not.
+    #[arg(long)]
+    profile: bool,
     /// Folder of the run; `runs/<name>` by default.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,

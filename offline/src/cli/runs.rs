@@ -7,12 +7,12 @@ use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::{DatasetSummary, Watch};
 use offline::diagnose::Advice;
-use offline::fit::{Evaluation, FitResult, Problem};
+use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
-    Identified, Inputs, Learned, NOT_DIAGNOSED, RunSettings, Stage, Summary, fit, freeze_policy, identify,
-    learn, rollouts,
+    Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, fit, freeze_policy,
+    identify, learn, profile, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -88,7 +88,33 @@ impl Job<'_> {
             held_out.rms_mm, held_out.floors
         ));
         self.warn_of_misfits(&base.fitted);
-        Ok(self.summary(NOT_DIAGNOSED, (Vec::new(), estimates), [&base.held_out; 2]))
+        let profiles = self.profiles(&Profiled {
+            structure: &Structure::default(),
+            fitted: &base.fitted,
+            estimates: &estimates,
+            grid_shift: &base.grid_shift,
+            noise_scale: base.noise_scale,
+        })?;
+        Ok(Summary {
+            profiles,
+            ..self.summary(NOT_DIAGNOSED, (Vec::new(), estimates), [&base.held_out; 2])
+        })
+    }
+
+    /// Intervals by profile likelihood, where they are asked for or there already.
+    fn profiles(&self, of: &Profiled) -> anyhow::Result<Vec<Profile>> {
+        let say = |line: &str| self.reporter.say(line);
+        let profiles = profile(
+            &self.inputs,
+            &self.settings,
+            &self.run,
+            (of, self.arguments.profile),
+            &say,
+        )?;
+        for one in &profiles {
+            say(&format!("  {}: {:.0} % interval {one}", one.name, 100.0 * LEVEL));
+        }
+        Ok(profiles)
     }
 
     /// What was found, before anything is learnt.
@@ -104,6 +130,7 @@ impl Job<'_> {
             verdict: verdict.into(),
             effects,
             parameters,
+            profiles: Vec::new(),
             held_out_before_mm: before.rms_mm,
             held_out_after_mm: after.rms_mm,
             floor_mm: after.floor_mm,
@@ -126,6 +153,13 @@ impl Job<'_> {
             (outcome.structure.ids(), outcome.estimates()),
             [&outcome.held_out_before, &outcome.held_out_after],
         );
+        summary.profiles = self.profiles(&Profiled {
+            structure: &outcome.structure,
+            fitted: &outcome.fitted,
+            estimates: &summary.parameters,
+            grid_shift: &outcome.grid_shift,
+            noise_scale: outcome.noise_scale,
+        })?;
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
             // What comes before is kept round by round: there Ctrl-C ends the program at once.
@@ -149,10 +183,10 @@ impl Job<'_> {
         if let Some(learned) = policy.as_ref().filter(|_| last >= Stage::Freeze) {
             self.freeze(&identified, learned)?;
         }
-        self.write_tables(&identified, policy.as_ref())?;
+        self.write_tables((&identified, &summary.profiles), policy.as_ref())?;
         if last == Stage::Report {
             reporter.say("drawing the report");
-            let page = report(self, &identified, policy.as_ref())?;
+            let page = report(self, (&identified, &summary.profiles), policy.as_ref())?;
             write_whole(&run.report(), page.as_bytes())?;
             summary.report = Some(run.report().display().to_string());
         }
@@ -174,10 +208,14 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn write_tables(&self, identified: &Identified, learned: Option<&Learned>) -> anyhow::Result<()> {
+    fn write_tables(
+        &self,
+        (identified, profiles): (&Identified, &[Profile]),
+        learned: Option<&Learned>,
+    ) -> anyhow::Result<()> {
         let (demos, _) = self.inputs.members();
         let policy = learned.map(|l| &l.evaluation);
-        let text = tables(&self.inputs.name, &demos, &identified.outcome, policy);
+        let text = tables(&self.inputs.name, &demos, (&identified.outcome, profiles), policy);
         Ok(write_whole(&self.run.tables(), text.as_bytes())?)
     }
 
@@ -190,7 +228,11 @@ impl Job<'_> {
 }
 
 /// The page of a run.
-fn report(job: &Job, identified: &Identified, learned: Option<&Learned>) -> anyhow::Result<String> {
+fn report(
+    job: &Job,
+    (identified, profiles): (&Identified, &[Profile]),
+    learned: Option<&Learned>,
+) -> anyhow::Result<String> {
     let (demos, held_out) = job.inputs.members();
     let outcome = &identified.outcome;
     let mut before = Vec::new();
@@ -218,6 +260,7 @@ fn report(job: &Job, identified: &Identified, learned: Option<&Learned>) -> anyh
         demos: &demos,
         held_out: &held_out,
         outcome,
+        profiles,
         residual_force: identified.residual_force.as_ref(),
         advice: &identified.advice,
         before: &before,

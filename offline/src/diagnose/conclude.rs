@@ -241,15 +241,20 @@ mod tests {
         })
     }
 
+    fn hint_of(verdict: &Verdict) -> &str {
+        match verdict {
+            Verdict::Unexplained { hint } => hint,
+            other => panic!("{other}"),
+        }
+    }
+
     /// Wind and friction took 96 % of a tilt that was hidden from the library, and were called its explanation.
     #[test]
     fn effects_that_leave_more_than_noise_and_grid_explain_nothing() {
         let structure = Structure { effects: vec![0] };
         let verdict = |before_m: f64, after_m: f64| verdict_of(&structure, [before_m, after_m], 0.5, &[]);
         let (said, reasons) = verdict(5e-3, 1.5e-3);
-        let Verdict::Unexplained { hint } = &said else {
-            panic!("{said}")
-        };
+        let hint = hint_of(&said);
         let told = format!(
             "{} would take away 96 % of the excess over the noise",
             effects::ALL[0].id
@@ -267,9 +272,7 @@ mod tests {
         let structure = Structure { effects: vec![0] };
         let rivals = ["rest_curvature", "curvature_gradient"].map(String::from);
         let (said, _) = verdict_of(&structure, [5e-3, 1.5e-3], 0.5, &rivals);
-        let Verdict::Unexplained { hint } = &said else {
-            panic!("{said}")
-        };
+        let hint = hint_of(&said);
         let told = format!(
             "(so would rest_curvature or curvature_gradient instead of {})",
             effects::ALL[0].id

@@ -1,7 +1,8 @@
 //! What the loop has come to before a further round, so that a diagnosis that was killed goes on from there and finds
 //! the same.
 
-use super::round::{Round, Standing};
+use super::choice::Standing;
+use super::round::Round;
 use super::rounds::Bench;
 use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
 use crate::model::Structure;

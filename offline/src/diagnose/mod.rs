@@ -6,6 +6,7 @@
 //! is calibrated by pseudo-data: the difference between the model on two grids, scaled up to the
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
+mod choice;
 mod conclude;
 mod force;
 mod gates;

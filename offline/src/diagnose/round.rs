@@ -1,17 +1,17 @@
 //! One round of the loop: score every effect, refit the leading ones in full, gate them, choose.
 
+use super::choice::{Found, Standing, Tried, choose};
 use super::conclude::explains;
-use super::gates::{Gate, given_up, pass_in_company, refinement_gate, statistical_gates, taken_away_mm};
+use super::gates::{Gate, given_up, statistical_gates};
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{Score, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{
-    Budget, Evaluation, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
-    fit_from_first, flows, grid_errors, out_of_plane,
+    Budget, FitError, FitResult, Library, StopReason, along_rows, descend, estimates, fit_from,
+    fit_from_first, flows, grid_errors,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
-use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -72,38 +72,6 @@ const SECOND_EVALUATIONS: usize = 4;
 /// parameters imitate a part of anything.
 const LEAST_SHARE: f64 = 0.1;
 
-/// A refit with the model that it gave.
-type Tried = (Refit, Structure, FitResult);
-
-/// A model and what it leaves.
-pub(super) struct Standing {
-    /// Its effects.
-    pub(super) structure: Structure,
-    /// Its fit.
-    pub(super) fitted: FitResult,
-    /// What it leaves where held out.
-    pub(super) held: ResidualSummary,
-    /// Effects that tie with its last one.
-    pub(super) rivals: Vec<String>,
-}
-
-impl Standing {
-    /// Name of the effect that came last.
-    pub(super) fn last_effect(&self) -> Option<String> {
-        self.structure.effects.last().map(|&e| effects::ALL[e].id.into())
-    }
-}
-
-/// What a round came to.
-pub(super) enum Found {
-    /// A model with one more effect that passed every gate.
-    Accepted(Standing),
-    /// The best of those that fail only because of what another cause that is missing beside them does.
-    InCompany(Standing),
-    /// Nothing.
-    Nothing,
-}
-
 pub(super) fn one_round(
     bench: &Bench,
     now: &Standing,
@@ -137,46 +105,6 @@ pub(super) fn one_round(
         accepted,
     };
     Ok((round, found, library))
-}
-
-/// Tries the finer grid on the refits that passed, best held-out error first, and finds the winner and
-/// those that tie with it; all refits of the round come along.
-fn choose(
-    bench: &Bench,
-    mut tried: Vec<Tried>,
-    now: &ResidualSummary,
-    options: &LoopOptions,
-    progress: &dyn Fn(&str),
-) -> Result<(Vec<Refit>, Found), FitError> {
-    let refined = options.without != Some(Part::Refinement);
-    tried.sort_by(|a, b| a.0.held_out.rms_mm.total_cmp(&b.0.held_out.rms_mm));
-    let mut refits = Vec::new();
-    let mut found = Found::Nothing;
-    for (mut refit, structure, fitted) in tried {
-        let first = !matches!(found, Found::Accepted(_));
-        if refined && first && refit.passed {
-            progress(&format!("checking {} on a finer grid", refit.id));
-            let gate = refine(bench, &structure, &fitted, now)?;
-            refit.passed &= gate.passed;
-            refit.gates.push(gate);
-        }
-        let standing = Standing {
-            structure,
-            fitted,
-            held: refit.held_out.clone(),
-            rivals: Vec::new(),
-        };
-        match &mut found {
-            Found::Accepted(best) if refit.passed && ties(&best.fitted, &standing.fitted) => {
-                best.rivals.push(refit.id.clone());
-            }
-            Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
-            Found::Nothing if pass_in_company(&refit.gates) => found = Found::InCompany(standing),
-            _ => {}
-        }
-        refits.push(refit);
-    }
-    Ok((refits, found))
 }
 
 /// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
@@ -282,19 +210,6 @@ fn leading(table: &ScoreTable, count: usize) -> (Vec<&Score>, Vec<&Score>) {
 
 fn names(scores: &[&Score]) -> Vec<String> {
     scores.iter().map(|s| s.id.clone()).collect()
-}
-
-/// Two models tie when their sums of squares per independent offset differ by less than two standard
-/// errors of such a sum.
-pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
-    let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
-    reduced(other) - reduced(best) < tie_spread(&best.best)
-}
-
-/// Difference of sums of squares per offset below which a model ties with the best.
-pub(super) fn tie_spread(best: &Evaluation) -> f64 {
-    let summary = ResidualSummary::of(best);
-    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
 }
 
 fn score(
@@ -404,7 +319,7 @@ fn start(fitted: &FitResult, structure: &Structure, score: &Score, larger: f64) 
 }
 
 /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
-/// nothing.
+/// nothing; at worst from the model as it stands.
 fn started(
     bench: &Bench,
     structure: &Structure,
@@ -413,7 +328,10 @@ fn started(
     budget: Budget,
 ) -> Result<FitResult, FitError> {
     let next = structure.with(score.effect());
-    let starts = FIRST_SIZES.map(|size| start(fitted, structure, score, size));
+    let sizes = FIRST_SIZES.map(|size| start(fitted, structure, score, size));
+    let nothing = effects::ALL[score.effect()].vanishing();
+    let standing = fitted.best.theta.iter().copied().chain(nothing).collect();
+    let starts = sizes.into_iter().chain([standing]);
     fit_from_first(&bench.fit, &next, starts, fitted.cost, budget)
 }
 
@@ -459,7 +377,7 @@ fn judge(
         gates: Vec::new(),
         passed: false,
     };
-    let held = out_of_plane(&bench.fit, &next, &result.best);
+    let held = bench.fit.out_of_plane(&next, &result.best);
     let free = held[first..].iter().filter(|&&held| !held).count();
     refit.gates = statistical_gates(score, before, (&refit, free), options);
     if result.stop == StopReason::GivenUp {
@@ -467,38 +385,6 @@ fn judge(
     }
     refit.passed = refit.gates.iter().all(|g| g.passed);
     Ok((refit, next, result))
-}
-
-/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid; `before` is what was left without the
-/// effect.
-fn refine(
-    bench: &Bench,
-    structure: &Structure,
-    fitted: &FitResult,
-    before: &ResidualSummary,
-) -> Result<Gate, FitError> {
-    let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
-    let effect = structure.effects[structure.effects.len() - 1];
-    let spec = &effects::ALL[effect];
-    let first = fitted.best.theta.len() - spec.parameters.len();
-    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
-    let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
-        let own = evaluation.theta[first..].iter().zip(spec.parameters);
-        DVector::from_iterator(spec.parameters.len(), own.map(|(t, p)| t - p.vanishes_at))
-    });
-    let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
-        .iter()
-        .map(|e| e.standard_error)
-        .collect();
-    let apart = own * (&fine - &coarse);
-    let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
-    let explained_mm = taken_away_mm(before, &ResidualSummary::of(&fitted.best));
-    Ok(refinement_gate(
-        coarse.as_slice(),
-        fine.as_slice(),
-        &errors,
-        [apart_mm, explained_mm],
-    ))
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
+use super::choice::{Found, Standing};
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
 use super::gates::all_physical;
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
-use super::round::{Found, Round, Standing, one_round};
+use super::round::{Round, one_round};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::{Demo, SceneKind};
 use crate::effects;

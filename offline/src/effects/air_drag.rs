@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "f = -½ ρ_air d (C_n |v_n| v_n + π C_t |v_t| v_t) per length - m r v",
     source: "Hoerner, Fluid-Dynamic Drag (1965), ch. 3; coefficients as in MoorDyn's sample line",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[
         ParameterSpec {

@@ -12,6 +12,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "EI = r E π R⁴/4, EA = E π R²",
     source: "Papailiou, On the bending stiffness of transmission line conductors (1997): a cable lies between sliding and solid",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "ratio",

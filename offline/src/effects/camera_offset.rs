@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "p_seen = p + t + (R(r) - I)(p - p_start)",
     source: "rigid motion; Cayley map as in Argyris, An excursion into large rotations (1982)",
     nuisance: true,
+    of_the_rig: true,
     only_seen: true,
     parameters: &[
         shift("shift_x_m"),

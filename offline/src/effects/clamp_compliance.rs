@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "θ = C M at the mouth of every grip",
     source: "rotational spring at the root of a beam; Roark, Formulas for Stress and Strain, table 8.1 (spring-supported end)",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "compliance_rad_per_n_m",

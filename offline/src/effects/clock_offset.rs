@@ -12,6 +12,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "x_seen(t) = x(t - τ)",
     source: "definition of the clocks' difference",
     nuisance: false,
+    of_the_rig: false,
     only_seen: true,
     parameters: &[ParameterSpec {
         name: "offset_s",

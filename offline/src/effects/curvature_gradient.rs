@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ψ = ψ(F G⁻¹), G = diag(1 - s k'·y, 1, 1)",
     source: "curvature affine in arc length, Stella et al. 2023; stress-free gradient as for rest curvature",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[parameter("toward_side_per_m2"), parameter("toward_up_per_m2")],
 };

@@ -12,6 +12,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "m(s) = ρ A (1 + g (s/L - 1/2))",
     source: "first-order term of a density along the rope, mean unchanged",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "relative_slope",

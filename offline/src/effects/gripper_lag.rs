@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T y' = p(t) - y",
     source: "first-order servo lag; Gauss-Laguerre nodes from Abramowitz and Stegun, table 25.9",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "lag_s",

@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "S = τ (2 μ E' + λ tr(E') I), (τ/g) dE'/dt = dE/dt - E'",
     source: "standard linear solid; Simo and Hughes, Computational Inelasticity (1998), 10.2; Kelvin-Voigt where slow",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "retardation_time_s",

@@ -108,6 +108,9 @@ pub struct EffectSpec {
     /// Whether what it does is free in every other effect's score, as an unknown that no effect shall
     /// be blamed for; its own score then leaves that freedom out.
     pub nuisance: bool,
+    /// Whether it is how somebody set the rig up, who would have seen much more than a few times its smallest size of
+    /// interest.
+    pub of_the_rig: bool,
     /// Whether it leaves the rope alone and only changes what cameras report.
     pub only_seen: bool,
     /// Parameters.

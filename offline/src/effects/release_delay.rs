@@ -11,6 +11,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "the grip opens at t_open + τ",
     source: "definition; grippers take some 10 ms to let go",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "delay_s",

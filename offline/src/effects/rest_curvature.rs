@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ψ = ψ(F G⁻¹), G = diag(1 - k·y, 1, 1)",
     source: "stress-free gradient of a twist-free rod; Bishop 1975, Antman, Nonlinear Problems of Elasticity, ch. 8",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[
         ParameterSpec {

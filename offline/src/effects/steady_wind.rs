@@ -19,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "f = ½ ρ_air d C_n (|u| u - |v_n| v_n) per length, u = v_n - w_n, against the motion; w = q/√|q|",
     source: "Hoerner, Fluid-Dynamic Drag (1965), ch. 3, cross-flow principle",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[
         ParameterSpec {

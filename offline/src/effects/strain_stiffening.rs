@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ψ = c E (λ - 1)⁴/4",
     source: "fibre energy of the stretch as in Holzapfel, Gasser and Ogden (2000), lowest nonlinear order",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "coefficient",

@@ -10,6 +10,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "|f_t| ≤ (μ + Δμ) f_n",
     source: "Coulomb's law; the declared μ stands in demo.toml",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "coefficient_change",

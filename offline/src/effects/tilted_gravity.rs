@@ -12,6 +12,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "g = |g| (sin a cos b, sin b, -cos a cos b)",
     source: "rotation of the gravity vector in the world frame",
     nuisance: false,
+    of_the_rig: true,
     only_seen: false,
     parameters: &[
         ParameterSpec {

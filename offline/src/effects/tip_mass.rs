@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "m(s) = ρ A + m_tip δ(s - L)",
     source: "point mass at the end, in the last slice",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "mass_kg",

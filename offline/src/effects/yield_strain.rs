@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ε_eq = √(2/3) |dev H| ≤ ε_y",
     source: "return mapping for von Mises plasticity on Hencky strain; de Souza Neto, Perić and Owen, Computational Methods for Plasticity (2008), ch. 14",
     nuisance: false,
+    of_the_rig: false,
     only_seen: false,
     parameters: &[ParameterSpec {
         name: "one_over_strain",

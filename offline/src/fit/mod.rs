@@ -3,6 +3,7 @@
 
 mod numerical;
 mod problem;
+mod profile;
 mod push;
 mod sensitivity;
 mod solver;
@@ -10,10 +11,10 @@ mod uncertainty;
 
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, FrameShare, Library, Problem, Resolution};
+pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use solver::{
     Budget, FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_from_first, fit_starts,
-    out_of_plane,
 };
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -5,7 +5,7 @@ use super::sensitivity::{Trace, flows};
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
-use crate::model::Structure;
+use crate::model::{ParameterInfo, Structure};
 use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
@@ -195,10 +195,21 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped, or too little was measured.
     pub fn evaluate(&self, structure: &Structure, theta: &[f64]) -> Result<Evaluation, FitError> {
-        self.settled(structure, theta)?.evaluate_settled(structure, theta)
+        Ok(self.settled_and_evaluated(structure, theta)?.1)
     }
 
-    /// The same for a problem that is settled at θ.
+    /// The problem settled at θ, with residuals and Jacobian there.
+    pub(super) fn settled_and_evaluated(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<(Self, Evaluation), FitError> {
+        let here = self.settled(structure, theta)?;
+        let evaluation = here.evaluate_settled(structure, theta)?;
+        Ok((here, evaluation))
+    }
+
+    /// Residuals and Jacobian of a problem that is settled at θ.
     pub(super) fn evaluate_settled(
         &self,
         structure: &Structure,
@@ -245,11 +256,29 @@ impl<'a> Problem<'a> {
                 .collect();
         }
         let theta: Vec<f64> = kept.iter().map(|&k| wide_theta[k]).collect();
+        let mut evaluation = self.evaluation(&theta, &traces)?;
+        let unseen = self.out_of_plane(&tested, &evaluation).into_iter().enumerate();
+        for (k, _) in unseen.filter(|(_, unseen)| *unseen) {
+            evaluation.jacobian.column_mut(k).fill(0.0);
+        }
         Ok(Library {
-            evaluation: self.evaluation(&theta, &traces)?,
+            evaluation,
             structure: tested,
             failed,
         })
+    }
+
+    /// Which entries of θ move a rope only out of the plane in which it was seen. A fit leaves them where they are, and
+    /// no score asks for them: to second order they would stand in for whatever shortens the rope there.
+    pub fn out_of_plane(&self, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
+        /// Change of a row over the whole range of a parameter, in standard errors, that is none.
+        const NONE: f64 = 0.1;
+        let planar = self.demos.iter().all(|demo| demo.spec.planar);
+        let jacobian = evaluation.whitened_jacobian();
+        let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
+        let info = structure.parameters();
+        let entries = info.iter().enumerate();
+        entries.map(|entry| planar && !moves(entry)).collect()
     }
 
     /// What the cameras saw against what is predicted, with slopes.

@@ -119,7 +119,15 @@ pub fn fit_starts(
     starts.truncate(options.followed.max(1));
     let results: Vec<_> = starts
         .into_par_iter()
-        .map(|(_, theta, here)| fit_settled(here, structure, theta, options.max_evaluations.into()))
+        .map(|(_, theta, here)| {
+            let start = here.evaluate_settled(structure, &theta)?;
+            Ok(descend_settled(
+                here,
+                structure,
+                start,
+                (options.max_evaluations.into(), None),
+            ))
+        })
         .collect();
     let mut best: Option<FitResult> = None;
     let mut ends = Vec::new();
@@ -171,19 +179,27 @@ pub fn fit_from(
     theta: Vec<f64>,
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
-    let here = problem.settled(structure, &theta)?;
-    fit_settled(here, structure, theta, budget.into())
+    let (here, start) = problem.settled_and_evaluated(structure, &theta)?;
+    Ok(descend_settled(here, structure, start, (budget.into(), None)))
 }
 
-/// The same for a problem that is settled at θ.
-fn fit_settled(
-    here: Problem,
+/// The same with some entries of θ held where they are, and no others.
+///
+/// # Errors
+/// The start cannot be simulated, or too little was measured there.
+pub(super) fn fit_holding(
+    problem: &Problem,
     structure: &Structure,
-    theta: Vec<f64>,
-    budget: Budget,
+    (theta, held): (Vec<f64>, Vec<bool>),
+    budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
-    let start = here.evaluate_settled(structure, &theta)?;
-    Ok(descend_settled(here, structure, start, budget))
+    let (here, start) = problem.settled_and_evaluated(structure, &theta)?;
+    Ok(descend_settled(
+        here,
+        structure,
+        start,
+        (budget.into(), Some(held)),
+    ))
 }
 
 /// Descends from the first of some starts that costs less than `below`, or from the best of them where none does; returns
@@ -201,9 +217,8 @@ pub fn fit_from_first(
     let info = structure.parameters();
     let mut tried = Vec::new();
     for theta in starts {
-        let here = problem.settled(structure, &theta);
-        let one = here.and_then(|here| Ok((here.evaluate_settled(structure, &theta)?, here)));
-        let one = one.map(|(evaluation, here)| (total_cost(&evaluation, &info), here, evaluation));
+        let one = problem.settled_and_evaluated(structure, &theta);
+        let one = one.map(|(here, evaluation)| (total_cost(&evaluation, &info), here, evaluation));
         let enough = one.as_ref().is_ok_and(|one| one.0 < below);
         tried.push(one);
         if enough {
@@ -213,25 +228,31 @@ pub fn fit_from_first(
     let cost = |one: &Result<_, _>| one.as_ref().map_or(f64::INFINITY, |one: &(f64, _, _)| one.0);
     let best = tried.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
     let (_, here, start) = best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))?;
-    Ok(descend_settled(here, structure, start, budget.into()))
+    Ok(descend_settled(here, structure, start, (budget.into(), None)))
 }
 
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
 pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let here = problem.settled(structure, &start.theta);
-    descend_settled(here.unwrap_or_else(|_| problem.clone()), structure, start, budget)
+    let here = here.unwrap_or_else(|_| problem.clone());
+    descend_settled(here, structure, start, (budget, None))
 }
 
-/// The same for a problem that is settled at the start.
-fn descend_settled(mut here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
+/// The same for a problem that is settled at the start, with some entries of θ held there: those that
+/// are named, else those that the data do not tell.
+fn descend_settled(
+    mut here: Problem,
+    structure: &Structure,
+    start: Evaluation,
+    (budget, held): (Budget, Option<Vec<bool>>),
+) -> FitResult {
     let info = structure.parameters();
     let mut best = start;
     let mut cost = total_cost(&best, &info);
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
-    let mut held = out_of_plane(&here, structure, &best);
-    held[POISSON] |= !tells_poisson(&best, here.stiffness_accuracy);
+    let held = held.unwrap_or_else(|| not_told(&here, structure, &best));
     let stop = loop {
         if evaluations >= budget.evaluations {
             break StopReason::BudgetSpent;
@@ -251,9 +272,8 @@ fn descend_settled(mut here: Problem, structure: &Structure, start: Evaluation, 
         }
         let trial: Vec<f64> = best.theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
         evaluations += 1;
-        let there = here.settled(structure, &trial);
-        let accepted = match there.and_then(|there| Ok((there.evaluate_settled(structure, &trial)?, there))) {
-            Ok((next, there)) => {
+        let accepted = match here.settled_and_evaluated(structure, &trial) {
+            Ok((there, next)) => {
                 let next_cost = total_cost(&next, &info);
                 let gain = (cost - next_cost) / predicted;
                 if gain > 0.0 {
@@ -283,6 +303,11 @@ fn descend_settled(mut here: Problem, structure: &Structure, start: Evaluation, 
     }
 }
 
+/// Mean square of the whitened offsets, with Huber's weights.
+pub(super) fn mean_square(evaluation: &Evaluation) -> f64 {
+    2.0 * robust_cost(evaluation, DEFAULT_HUBER) / evaluation.len() as f64
+}
+
 fn robust_cost(evaluation: &Evaluation, huber: f64) -> f64 {
     evaluation
         .whitened()
@@ -306,7 +331,7 @@ fn total_cost(evaluation: &Evaluation, info: &[ParameterInfo]) -> f64 {
         .map(|(t, p)| 0.5 * ((t - p.prior_mean) / p.prior_sd).powi(2))
         .sum();
     // Stations come and go with the assignment of points, so the cost counts per row.
-    robust_cost(evaluation, DEFAULT_HUBER) / evaluation.len() as f64 * nominal_rows(evaluation) + prior
+    0.5 * mean_square(evaluation) * nominal_rows(evaluation) + prior
 }
 
 /// A number of rows that does not depend on θ.
@@ -347,17 +372,11 @@ pub(super) fn normal_equations(
     (hessian, gradient)
 }
 
-/// Which entries of θ move a rope only out of the plane in which it was seen. They stay where they are: to second
-/// order they would stand in for whatever shortens it there.
-pub fn out_of_plane(problem: &Problem, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
-    /// Change of a row over the whole range of a parameter, in standard errors, that is none.
-    const NONE: f64 = 0.1;
-    let planar = problem.demos.iter().all(|demo| demo.spec.planar);
-    let jacobian = evaluation.whitened_jacobian();
-    let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
-    let info = structure.parameters();
-    let entries = info.iter().enumerate();
-    entries.map(|entry| planar && !moves(entry)).collect()
+/// Which entries of θ stay where they are because the data do not tell them.
+pub(super) fn not_told(problem: &Problem, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
+    let mut held = problem.out_of_plane(structure, evaluation);
+    held[POISSON] |= !tells_poisson(evaluation, problem.stiffness_accuracy);
+    held
 }
 
 /// The damped Newton step inside the box, without the entries that are held. Entries that would leave it are put

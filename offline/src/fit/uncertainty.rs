@@ -2,7 +2,7 @@
 
 use super::problem::Evaluation;
 use super::solver::{normal_equations, weighted};
-use crate::model::{Estimate, POISSON_PRIOR, Structure};
+use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -76,25 +76,42 @@ impl Correlation {
 pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64> {
     let info = structure.parameters();
     let n = info.len();
-    let (mut hessian, _) = normal_equations(evaluation, &info);
     let factor = Correlation::of(evaluation).variance_factor();
-    // The prior is not data: only the data's information shrinks with correlation.
-    for k in 0..n {
-        let prior = 1.0 / info[k].prior_sd.powi(2);
-        hessian[(k, k)] += prior * (factor - 1.0);
-    }
+    let hessian = shrunk_hessian(evaluation, &info);
     let told = told(evaluation);
     let Some(factored) = (told.tr_mul(&hessian) * &told).cholesky() else {
         return DMatrix::from_diagonal_element(n, n, f64::INFINITY);
     };
-    let mut covariance = &told * (factored.inverse() * factor) * told.transpose();
-    if told.ncols() < n {
-        let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
-        moved[POISSON] = 1.0;
-        moved *= info[POISSON].prior_sd;
-        covariance += &moved * moved.transpose();
+    let moved = DVector::from(ratio_shift(evaluation, structure));
+    &told * (factored.inverse() * factor) * told.transpose() + &moved * moved.transpose()
+}
+
+/// How far the width of the prior in Poisson's ratio may have moved each entry of θ; nothing where the data tell it.
+pub(super) fn ratio_shift(evaluation: &Evaluation, structure: &Structure) -> Vec<f64> {
+    let info = structure.parameters();
+    let told = told(evaluation);
+    if told.ncols() == info.len() {
+        return vec![0.0; info.len()];
     }
-    covariance
+    let hessian = shrunk_hessian(evaluation, &info);
+    let Some(factored) = (told.tr_mul(&hessian) * &told).cholesky() else {
+        return vec![f64::INFINITY; info.len()];
+    };
+    let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
+    moved[POISSON] = 1.0;
+    moved *= info[POISSON].prior_sd;
+    moved.data.into()
+}
+
+/// The Hessian of a cost in which correlated offsets count no more than they tell. The prior is not data: only the
+/// data's information shrinks with correlation.
+fn shrunk_hessian(evaluation: &Evaluation, info: &[ParameterInfo]) -> DMatrix<f64> {
+    let (mut hessian, _) = normal_equations(evaluation, info);
+    let factor = Correlation::of(evaluation).variance_factor();
+    for (k, p) in info.iter().enumerate() {
+        hessian[(k, k)] += (factor - 1.0) / p.prior_sd.powi(2);
+    }
+    hessian
 }
 
 /// What makes θ of the entries that the data tell: the unit matrix without the columns of the others.

@@ -7,12 +7,14 @@ mod identify;
 #[cfg(feature = "train")]
 mod learn;
 mod model;
+mod profile;
 mod settings;
 
 pub use fit::{NOT_DIAGNOSED, fit};
 pub use identify::{Identified, identify};
 #[cfg(feature = "train")]
 pub use learn::{Learned, freeze_policy, learn, rollouts};
+pub use profile::{Profiled, profile};
 pub use settings::{Inputs, Preset, RunSettings};
 
 use serde::Serialize;
@@ -48,6 +50,8 @@ pub struct Summary {
     pub effects: Vec<String>,
     /// Parameters with standard errors.
     pub parameters: Vec<crate::model::Estimate>,
+    /// Their 95 % intervals by profile likelihood, where these were asked for.
+    pub profiles: Vec<crate::fit::Profile>,
     /// Held-out error of the base model, mm.
     pub held_out_before_mm: f64,
     /// Held-out error of the final model, mm.

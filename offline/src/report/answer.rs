@@ -1,10 +1,10 @@
 //! The answer first: verdict, error before and after, parameters, reasons for caution.
 
 use super::ReportInput;
-use super::page::{parameter_title, unit, with_error};
+use super::page::{parameter_title, significant, unit, with_error};
 use crate::demo::RopeSpec;
 use crate::diagnose::Verdict;
-use crate::fit::estimates;
+use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::paper_units::young_paper;
 use crate::residual::ResidualSummary;
@@ -26,7 +26,7 @@ pub(super) fn section(input: &ReportInput) -> Markup {
             p { "Next: " (input.advice.next_demonstration.in_words) "." }
         }
         h3 { "Parameters" }
-        (parameters(&base, &found, density))
+        (parameters((&base, &found), input.profiles, density))
         h3 { "Reasons for caution" }
         @if outcome.reasons.is_empty() {
             p { "None." }
@@ -84,17 +84,19 @@ pub(super) fn density_kg_m3(rope: &RopeSpec) -> f64 {
 
 /// Value, standard error and unit; moduli in MPa.
 fn value(estimate: &Estimate) -> String {
-    let (scale, unit) = if estimate.unit == "Pa" {
-        (1e-6, "MPa")
-    } else {
-        (1.0, unit(&estimate.unit))
-    };
+    let scale = scale_of(estimate);
+    let unit = if scale == 1.0 { unit(&estimate.unit) } else { "MPa" };
     format!(
         "{} {unit}",
         with_error(scale * estimate.value, scale * estimate.standard_error)
     )
     .trim_end()
     .to_owned()
+}
+
+/// Moduli are shown in MPa.
+fn scale_of(estimate: &Estimate) -> f64 {
+    if estimate.unit == "Pa" { 1e-6 } else { 1.0 }
 }
 
 fn cell(estimate: Option<&Estimate>) -> Markup {
@@ -118,19 +120,50 @@ pub(super) fn in_paper_units(estimate: &Estimate, density_kg_m3: Option<f64>) ->
     ))
 }
 
-pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: Option<f64>) -> Markup {
+/// The 95 % interval of an estimate times a scale; none where nobody asked for it.
+pub(super) fn interval(estimate: &Estimate, scale: f64, profiles: &[Profile]) -> Option<String> {
+    let profile = profiles.iter().find(|one| one.name == estimate.name)?;
+    let [low, high] = [profile.low, profile.high].map(|end| Some(significant(scale * end?)));
+    let words = match (low, high) {
+        (Some(low), Some(high)) => format!("{low} to {high}"),
+        (Some(low), None) => format!("above {low}"),
+        (None, Some(high)) => format!("below {high}"),
+        (None, None) => "anything".to_owned(),
+    };
+    Some(if profile.better_elsewhere {
+        format!("{words} (better fits lie on the way)")
+    } else {
+        words
+    })
+}
+
+fn parameters(
+    (base, found): (&[Estimate], &[Estimate]),
+    profiles: &[Profile],
+    density_kg_m3: Option<f64>,
+) -> Markup {
     let paper = |estimate: &Estimate| {
         let density = density_kg_m3.filter(|_| estimate.identified);
         in_paper_units(estimate, density)
     };
     html! {
         table {
-            tr { th { "parameter" } th { "base model" } th { "final model" } th { "final, paper’s units" } }
+            tr {
+                th { "parameter" } th { "base model" } th { "final model" }
+                @if !profiles.is_empty() { th { "95 % interval" } }
+                th { "final, paper’s units" }
+            }
             @for estimate in found {
                 tr {
                     td { (parameter_title(&estimate.name)) }
                     td { (cell(base.iter().find(|one| one.name == estimate.name))) }
                     td { (cell(Some(estimate))) }
+                    @if !profiles.is_empty() {
+                        td { @match interval(estimate, scale_of(estimate), profiles) {
+                            Some(text) => (text),
+                            None => span.quiet { "—" },
+                        } }
+                    }
                     td { @match paper(estimate) { Some(text) => (text), None => span.quiet { "—" } } }
                 }
             }
@@ -140,6 +173,10 @@ pub(super) fn parameters(base: &[Estimate], found: &[Estimate], density_kg_m3: O
             "thinner slices and another place on the grid would move the value; errors of the model itself are not in it. "
             "A parameter is not identified where the data say little "
             "beyond its prior; the value in brackets is then mostly the prior’s."
+            @if !profiles.is_empty() {
+                " The interval is by profile likelihood: all that the data allow while every other parameter follows, "
+                "the simulation’s own error added."
+            }
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::collect::DatasetSummary;
 use crate::demo::Demo;
 use crate::diagnose::{Advice, Outcome, ResidualForce};
 use crate::evaluate::Evaluation;
+use crate::fit::Profile;
 use crate::inspect::BlobReport;
 use crate::trained::TrainingRecord;
 use maud::html as markup;
@@ -33,6 +34,8 @@ pub struct ReportInput<'a> {
     pub held_out: &'a [&'a Demo],
     /// What the loop found.
     pub outcome: &'a Outcome,
+    /// 95 % intervals of the final model's parameters by profile likelihood; empty where nobody asked for them.
+    pub profiles: &'a [Profile],
     /// What is left, as a force; none where it is explained.
     pub residual_force: Option<&'a ResidualForce>,
     /// What to do next, and what matters for the swing.

@@ -1,21 +1,26 @@
 //! `tables.md`: the figures of a run as tables of plain text.
 
-use super::answer::{density_kg_m3, in_paper_units};
+use super::answer::{density_kg_m3, in_paper_units, interval};
 use super::page::{effect_title, parameter_title, unit, with_error};
 use super::ranking::{outcome, refit};
 use crate::demo::Demo;
 use crate::diagnose::{Outcome, Round};
 use crate::evaluate::Evaluation;
-use crate::fit::estimates;
+use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use std::fmt::Write as _;
 
 /// The tables of a run; those of the policy where one was evaluated.
-pub fn tables(title: &str, demos: &[&Demo], outcome: &Outcome, policy: Option<&Evaluation>) -> String {
+pub fn tables(
+    title: &str,
+    demos: &[&Demo],
+    (outcome, profiles): (&Outcome, &[Profile]),
+    policy: Option<&Evaluation>,
+) -> String {
     let density = demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
     let mut text = format!("# {title}\n\n{}\n\n", outcome.verdict);
-    text += &parameters(outcome, density);
+    text += &parameters((outcome, profiles), density);
     text += &errors(outcome);
     text += &effects(&outcome.rounds);
     if let Some(evaluation) = policy {
@@ -37,7 +42,7 @@ fn table(heading: &str, head: &[&str], rows: &[Vec<String>]) -> String {
     text
 }
 
-fn parameters(outcome: &Outcome, density_kg_m3: Option<f64>) -> String {
+fn parameters((outcome, profiles): (&Outcome, &[Profile]), density_kg_m3: Option<f64>) -> String {
     let base = estimates(&outcome.base.best, &Structure::default());
     let value = |e: &Estimate| {
         let identified = if e.identified { "" } else { " (not identified)" };
@@ -48,22 +53,23 @@ fn parameters(outcome: &Outcome, density_kg_m3: Option<f64>) -> String {
         .iter()
         .map(|found| {
             let before = base.iter().find(|e| e.name == found.name);
-            vec![
+            let interval = (!profiles.is_empty()).then(|| interval(found, 1.0, profiles).unwrap_or_default());
+            let mut row = vec![
                 parameter_title(&found.name),
                 before.map_or_else(String::new, value),
                 value(found),
+            ];
+            row.extend(interval);
+            row.extend([
                 unit(&found.unit).to_owned(),
                 in_paper_units(found, density_kg_m3).unwrap_or_default(),
-            ]
+            ]);
+            row
         })
         .collect();
-    let head = [
-        "parameter",
-        "base model",
-        "final model",
-        "unit",
-        "final, paper's units",
-    ];
+    let mut head = vec!["parameter", "base model", "final model"];
+    head.extend((!profiles.is_empty()).then_some("95 % interval"));
+    head.extend(["unit", "final, paper's units"]);
     table("Parameters", &head, &rows)
 }
 

@@ -237,6 +237,7 @@ fn advice() -> Advice {
 fn report() -> String {
     let demo = shipped();
     html(&ReportInput {
+        profiles: &[],
         residual_force: Some(&residual_force()),
         advice: &advice(),
         title: "Rope <7>",

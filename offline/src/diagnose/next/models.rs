@@ -1,6 +1,7 @@
 //! The models that a diagnosis leaves open.
 
-use super::super::round::{REFIT_EVALUATIONS, ties};
+use super::super::choice::{CARE_SIZES, ties};
+use super::super::round::REFIT_EVALUATIONS;
 use super::super::rounds::{LoopOptions, Outcome};
 use super::super::verdict::Verdict;
 use crate::demo::Demo;
@@ -8,9 +9,6 @@ use crate::effects;
 use crate::fit::{FitError, FitResult, Problem, fit_from};
 use crate::model::Structure;
 use rayon::prelude::*;
-
-/// Standard deviation of a nuisance's prior, in smallest sizes of interest.
-const NUISANCE_SIZES: f64 = 5.0;
 
 /// A model that the data allow.
 #[derive(Clone)]
@@ -40,7 +38,7 @@ impl Model {
             if k < own {
                 p.prior_sd
             } else {
-                NUISANCE_SIZES * p.smallest_of_interest
+                CARE_SIZES * p.smallest_of_interest
             }
         });
         sd.collect()

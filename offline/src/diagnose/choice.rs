@@ -1,0 +1,223 @@
+//! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
+
+use super::gates::{Gate, pass_in_company, refinement_gate, taken_away_mm};
+use super::round::Refit;
+use super::rounds::{Bench, LoopOptions, Part};
+use crate::effects;
+use crate::fit::{Evaluation, FitError, FitResult, estimates, fit_from};
+use crate::model::Structure;
+use crate::residual::ResidualSummary;
+use nalgebra::DVector;
+
+/// Standard deviation of how a rig was set up, in smallest sizes of interest: a table level to three degrees, cameras
+/// placed to 5 mm and one and a half degrees.
+pub(super) const CARE_SIZES: f64 = 5.0;
+
+/// A refit with the model that it gave.
+pub(super) type Tried = (Refit, Structure, FitResult);
+
+/// A model and what it leaves.
+pub(super) struct Standing {
+    /// Its effects.
+    pub(super) structure: Structure,
+    /// Its fit.
+    pub(super) fitted: FitResult,
+    /// What it leaves where held out.
+    pub(super) held: ResidualSummary,
+    /// Effects that tie with its last one.
+    pub(super) rivals: Vec<String>,
+}
+
+impl Standing {
+    /// Name of the effect that came last.
+    pub(super) fn last_effect(&self) -> Option<String> {
+        self.structure.effects.last().map(|&e| effects::ALL[e].id.into())
+    }
+}
+
+/// What a round came to.
+pub(super) enum Found {
+    /// A model with one more effect that passed every gate.
+    Accepted(Standing),
+    /// The best of those that fail only because of what another cause that is missing beside them does.
+    InCompany(Standing),
+    /// Nothing.
+    Nothing,
+}
+
+/// Tries the finer grid on the refits that passed, likeliest first, and finds the winner and those that tie with it; all
+/// refits of the round come along.
+pub(super) fn choose(
+    bench: &Bench,
+    mut tried: Vec<Tried>,
+    now: &ResidualSummary,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<(Vec<Refit>, Found), FitError> {
+    let refined = options.without != Some(Part::Refinement);
+    sort_by_likelihood(&mut tried);
+    let mut refits = Vec::new();
+    let mut found = Found::Nothing;
+    for (mut refit, structure, fitted) in tried {
+        let first = !matches!(found, Found::Accepted(_));
+        if refined && first && refit.passed {
+            progress(&format!("checking {} on a finer grid", refit.id));
+            let gate = refine(bench, &structure, &fitted, now)?;
+            refit.passed &= gate.passed;
+            refit.gates.push(gate);
+        }
+        let standing = Standing {
+            structure,
+            fitted,
+            held: refit.held_out.clone(),
+            rivals: Vec::new(),
+        };
+        match &mut found {
+            Found::Accepted(best) if refit.passed && ties(&best.fitted, &standing.fitted) => {
+                best.rivals.push(refit.id.clone());
+            }
+            Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
+            Found::Nothing if pass_in_company(&refit.gates) => found = Found::InCompany(standing),
+            _ => {}
+        }
+        refits.push(refit);
+    }
+    Ok((refits, found))
+}
+
+/// Sorts refits by what they leave where held out and by how far off somebody must have set up the rig for them, both as
+/// logarithms of a likelihood. Where the data tell much, as nearly always, that is by the held-out error.
+fn sort_by_likelihood(tried: &mut [Tried]) {
+    let held = |t: &Tried| t.0.held_out.rms_mm;
+    let Some(best) = tried.iter().min_by(|a, b| held(a).total_cmp(&held(b))) else {
+        return;
+    };
+    // For all alike: what a better model leaves is less correlated, which is no merit of its offsets.
+    let rows = best.0.held_out.effective_rows;
+    let unlikely = |t: &Tried| rows * held(t).ln() + 0.5 * rig_off(&t.1, &t.2.best.theta);
+    tried.sort_by(|a, b| unlikely(a).total_cmp(&unlikely(b)));
+}
+
+/// How far off a rig is at θ, as the sum of squares of standard scores: somebody levelled its table and placed its
+/// cameras with care.
+fn rig_off(structure: &Structure, theta: &[f64]) -> f64 {
+    let own = Structure::default().parameters().len();
+    let effects = structure.effects.iter().map(|&effect| &effects::ALL[effect]);
+    let parameters = effects.flat_map(|spec| spec.parameters.iter().map(move |p| (spec.of_the_rig, p)));
+    parameters
+        .zip(&theta[own..])
+        .filter(|((of_the_rig, _), _)| *of_the_rig)
+        .map(|((_, p), value)| ((value - p.vanishes_at) / (CARE_SIZES * p.smallest_of_interest)).powi(2))
+        .sum()
+}
+
+/// Two models tie when their sums of squares per independent offset differ by less than two standard
+/// errors of such a sum.
+pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
+    let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
+    reduced(other) - reduced(best) < tie_spread(&best.best)
+}
+
+/// Difference of sums of squares per offset below which a model ties with the best.
+pub(super) fn tie_spread(best: &Evaluation) -> f64 {
+    let summary = ResidualSummary::of(best);
+    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
+}
+
+/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid; `before` is what was left without the
+/// effect.
+fn refine(
+    bench: &Bench,
+    structure: &Structure,
+    fitted: &FitResult,
+    before: &ResidualSummary,
+) -> Result<Gate, FitError> {
+    let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
+    let effect = structure.effects[structure.effects.len() - 1];
+    let spec = &effects::ALL[effect];
+    let first = fitted.best.theta.len() - spec.parameters.len();
+    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
+    let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
+        let own = evaluation.theta[first..].iter().zip(spec.parameters);
+        DVector::from_iterator(spec.parameters.len(), own.map(|(t, p)| t - p.vanishes_at))
+    });
+    let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
+        .iter()
+        .map(|e| e.standard_error)
+        .collect();
+    let apart = own * (&fine - &coarse);
+    let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
+    let explained_mm = taken_away_mm(before, &ResidualSummary::of(&fitted.best));
+    Ok(refinement_gate(
+        coarse.as_slice(),
+        fine.as_slice(),
+        &errors,
+        [apart_mm, explained_mm],
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::{Correlation, StopReason};
+    use nalgebra::DMatrix;
+
+    /// A refit that leaves `held_out_mm` of ten independent offsets.
+    fn tried(id: &str, values: &[f64], held_out_mm: f64) -> Tried {
+        let effect = effects::find(id).expect("in the registry");
+        let structure = Structure::default().with(effect);
+        let theta = [&[14.0, 0.3], values].concat();
+        let left = ResidualSummary {
+            rms_mm: held_out_mm,
+            floor_mm: 1.0,
+            floors: held_out_mm,
+            rows: 100,
+            effective_rows: 10.0,
+            correlation: Correlation {
+                in_time: 0.0,
+                along_rope: 0.8,
+                reduced_chi_square: held_out_mm * held_out_mm,
+            },
+        };
+        let refit = Refit {
+            id: id.into(),
+            parameters: Vec::new(),
+            theta: theta.clone(),
+            fit: left.clone(),
+            held_out: left,
+            gates: Vec::new(),
+            passed: true,
+        };
+        let fitted = FitResult {
+            best: Evaluation {
+                theta,
+                rows: Vec::new(),
+                jacobian: DMatrix::zeros(0, 0),
+            },
+            cost: 0.0,
+            stop: StopReason::Converged,
+            evaluations: 1,
+            ends: Vec::new(),
+        };
+        (refit, structure, fitted)
+    }
+
+    /// Seen on a cable that is bent where it rests: a table that leans by 14 degrees left 4.03 mm, the curl 4.06.
+    #[test]
+    fn a_rig_that_nobody_would_have_set_up_so_is_no_cause_where_another_does_as_well() {
+        let first = |of: [Tried; 2]| {
+            let mut of = of;
+            sort_by_likelihood(&mut of);
+            of[0].0.id.clone()
+        };
+        let leans = |rad: f64, mm: f64| tried("tilted_gravity", &[rad, 0.0], mm);
+        let curl = || tried("rest_curvature", &[0.0, -1.1], 4.06);
+        assert_eq!(first([leans(0.24, 4.03), curl()]), "rest_curvature");
+        assert_eq!(first([leans(0.02, 3.9), curl()]), "tilted_gravity");
+        assert_eq!(
+            first([leans(0.24, 1.0), curl()]),
+            "tilted_gravity",
+            "where nothing else explains it"
+        );
+    }
+}

@@ -1,0 +1,247 @@
+//! Intervals by profile likelihood (Venzon and Moolgavkar 1988): how far a parameter may go, while all others follow,
+//! until the fit is worse than chance makes it. Where the rope does not answer in proportion, as where stiffness and
+//! end mass of a cable grow together, one side is longer than the other, and a standard error hides that.
+
+use super::problem::{Evaluation, FitError, Problem};
+use super::solver::{FitResult, fit_holding, mean_square, not_told};
+use super::uncertainty::{Correlation, covariance, ratio_shift};
+use crate::model::{Estimate, ParameterInfo, Structure};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Share of cases in which an interval holds the truth.
+pub const LEVEL: f64 = 0.95;
+/// Normal quantile of a two-sided interval of that level, the root of the point of χ² with one degree of freedom.
+const QUANTILE: f64 = 1.959_964;
+/// Error of that root at which an end is found.
+const TOLERANCE: f64 = 0.05;
+/// Most refits for one end.
+const REFITS: usize = 8;
+/// Most evaluations of a refit: it starts where the covariance says that the others go.
+const EVALUATIONS: usize = 6;
+/// Likelihood ratio from which on a fit counts as better than the best: that of one standard error. Descents end within
+/// a tenth of one, and points that are assigned to other stations move the ratio by some tenths.
+const BETTER: f64 = 1.0;
+/// How much farther than the last try the next may be.
+const FARTHEST: f64 = 3.0;
+
+/// The interval of one parameter. An end is none where the data allow everything up to the end of the physical range,
+/// or up to where the rope cannot be simulated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Profile {
+    /// Name, see [`ParameterInfo`].
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Estimate.
+    pub value: f64,
+    /// Lower end of the 95 % interval.
+    pub low: Option<f64>,
+    /// Upper end.
+    pub high: Option<f64>,
+    /// Whether a better fit was met on the way: then the estimate is of a local minimum.
+    pub better_elsewhere: bool,
+}
+
+/// Profiles of all parameters that the data may tell, the simulation's own error, `grid_shift` as one standard error
+/// of each entry of θ, added to them.
+///
+/// # Errors
+/// The fit itself cannot be simulated.
+pub fn profiles(
+    problem: &Problem,
+    structure: &Structure,
+    fitted: &FitResult,
+    (estimates, grid_shift): (&[Estimate], &[f64]),
+) -> Result<Vec<Profile>, FitError> {
+    let search = Search {
+        problem: &problem.settled(structure, &fitted.best.theta)?,
+        structure,
+        best: &fitted.best,
+        info: structure.parameters(),
+        held: not_told(problem, structure, &fitted.best),
+    };
+    let asked: Vec<usize> = (0..search.held.len()).filter(|&k| !search.held[k]).collect();
+    let ratio = ratio_shift(&fitted.best, structure);
+    let profile = |&k: &usize| {
+        let systematic = QUANTILE * grid_shift[k].hypot(ratio[k]);
+        let [low, high] = [-1.0, 1.0].map(|side| (k, side));
+        let (low, high) = rayon::join(|| search.end(low), || search.end(high));
+        let value = fitted.best.theta[k];
+        let told = |end: &End, side: f64| {
+            let at = value + side * (end.distance?).hypot(systematic);
+            let physical = at > search.info[k].low && at < search.info[k].high;
+            physical.then(|| if k == 0 { at.exp() } else { at })
+        };
+        Profile {
+            name: estimates[k].name.clone(),
+            unit: estimates[k].unit.clone(),
+            value: estimates[k].value,
+            low: told(&low, -1.0),
+            high: told(&high, 1.0),
+            better_elsewhere: low.better || high.better,
+        }
+    };
+    Ok(asked.par_iter().map(profile).collect())
+}
+
+impl std::fmt::Display for Profile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let unit = if self.unit == "1" {
+            ""
+        } else {
+            &format!(" {}", self.unit)
+        };
+        match (self.low, self.high) {
+            (Some(low), Some(high)) => write!(f, "{low:.4e} to {high:.4e}{unit}"),
+            (Some(low), None) => write!(f, "above {low:.4e}{unit}, no upper end was found"),
+            (None, Some(high)) => write!(f, "below {high:.4e}{unit}, no lower end was found"),
+            (None, None) => f.write_str("no end was found on either side"),
+        }?;
+        if self.better_elsewhere {
+            f.write_str(" (on the way there are better fits: the estimate is of a local minimum)")?;
+        }
+        Ok(())
+    }
+}
+
+/// Where an interval ends.
+struct End {
+    /// From the estimate; none where there is no end.
+    distance: Option<f64>,
+    better: bool,
+}
+
+/// A fit with one entry of θ held.
+struct Point {
+    /// How far that entry is from its estimate.
+    distance: f64,
+    /// Root of the likelihood ratio against the best fit.
+    root: f64,
+    theta: Vec<f64>,
+}
+
+struct Search<'a> {
+    problem: &'a Problem<'a>,
+    structure: &'a Structure,
+    best: &'a Evaluation,
+    info: Vec<ParameterInfo>,
+    /// Entries that the data do not tell.
+    held: Vec<bool>,
+}
+
+impl Search<'_> {
+    /// The end of entry `k` on a side.
+    fn end(&self, (k, side): (usize, f64)) -> End {
+        let spread = covariance(self.best, self.structure);
+        let bound = if side < 0.0 {
+            self.info[k].low
+        } else {
+            self.info[k].high
+        };
+        let farthest = (bound - self.best.theta[k]).abs();
+        // Where the others that are fitted go with this one, to first order.
+        let follow: Vec<f64> = (0..spread.nrows())
+            .map(|j| {
+                if self.held[j] {
+                    0.0
+                } else {
+                    spread[(j, k)] / spread[(k, k)]
+                }
+            })
+            .collect();
+        let mut inside = Point {
+            distance: 0.0,
+            root: 0.0,
+            theta: self.best.theta.clone(),
+        };
+        // Of what is outside, its distance, and its root where it could be simulated.
+        let mut outside: Option<(f64, Option<f64>)> = None;
+        let mut next = (QUANTILE * spread[(k, k)].sqrt()).min(0.5 * farthest);
+        let mut better = false;
+        for _ in 0..REFITS {
+            let step = side * (next - inside.distance);
+            let theta = self.within(inside.theta.iter().zip(&follow).map(|(t, f)| t + step * f));
+            match self.point((k, side), theta) {
+                Some((point, lower)) => {
+                    better |= lower;
+                    if (point.root - QUANTILE).abs() < TOLERANCE {
+                        return End {
+                            distance: Some(point.distance),
+                            better,
+                        };
+                    }
+                    if point.root < QUANTILE {
+                        if point.distance >= farthest {
+                            return End {
+                                distance: None,
+                                better,
+                            };
+                        }
+                        inside = point;
+                    } else {
+                        outside = Some((point.distance, Some(point.root)));
+                    }
+                }
+                None => outside = Some((next, None)),
+            }
+            next = between(&inside, outside, farthest);
+        }
+        let simulated = outside.is_some_and(|(_, root)| root.is_some());
+        End {
+            distance: simulated.then_some(next),
+            better,
+        }
+    }
+
+    /// θ inside its bounds.
+    fn within(&self, theta: impl Iterator<Item = f64>) -> Vec<f64> {
+        theta
+            .zip(&self.info)
+            .map(|(t, p)| t.clamp(p.low, p.high))
+            .collect()
+    }
+
+    /// The fit with entry `k` held at that of θ, and whether it is better than the best by more than that was found
+    /// to; none where it cannot be simulated.
+    fn point(&self, (k, side): (usize, f64), theta: Vec<f64>) -> Option<(Point, bool)> {
+        let mut held = self.held.clone();
+        held[k] = true;
+        let fit = fit_holding(self.problem, self.structure, (theta, held), EVALUATIONS).ok()?;
+        let ratio = likelihood_ratio(self.best, &fit.best);
+        let point = Point {
+            distance: side * (fit.best.theta[k] - self.best.theta[k]),
+            root: ratio.max(0.0).sqrt(),
+            theta: fit.best.theta,
+        };
+        Some((point, ratio < -BETTER))
+    }
+}
+
+/// The next distance to try: where the root would be the quantile if it grew in proportion, or half-way to what
+/// cannot be simulated.
+fn between(inside: &Point, outside: Option<(f64, Option<f64>)>, farthest: f64) -> f64 {
+    match outside {
+        Some((distance, Some(root))) => {
+            let share = (QUANTILE - inside.root) / (root - inside.root);
+            inside.distance + share.clamp(0.1, 0.9) * (distance - inside.distance)
+        }
+        Some((distance, None)) => 0.5 * (inside.distance + distance),
+        None => {
+            let more = if inside.root > 0.0 {
+                QUANTILE / inside.root
+            } else {
+                FARTHEST
+            };
+            (inside.distance * more.clamp(1.1, FARTHEST)).min(farthest)
+        }
+    }
+}
+
+/// Twice the difference of log-likelihoods of two evaluations, scaled as standard errors are (McCullagh and Nelder 1989,
+/// 9.2): by the misfit of the best where it is more than the declared noise, and for as many independent offsets as it
+/// leaves.
+fn likelihood_ratio(best: &Evaluation, other: &Evaluation) -> f64 {
+    let [least, more] = [best, other].map(mean_square);
+    Correlation::of(best).effective_rows(best.len()) * (more - least) / least.max(1.0)
+}

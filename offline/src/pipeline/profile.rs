@@ -1,0 +1,65 @@
+//! Intervals by profile likelihood, on request, and `profile.json`.
+
+use super::settings::{Inputs, RunSettings};
+use crate::diagnose::{LoopOptions, problems};
+use crate::fit::{FitResult, Profile, profiles};
+use crate::model::{Estimate, Structure};
+use crate::run_files::{RunFolder, kept, write_whole};
+use serde::{Deserialize, Serialize};
+
+/// `profile.json`.
+#[derive(Serialize, Deserialize)]
+struct ProfileFile {
+    /// Of what the fit depends on.
+    key: u64,
+    effects: Vec<String>,
+    profiles: Vec<Profile>,
+}
+
+/// A fit whose intervals are asked for.
+pub struct Profiled<'a> {
+    /// Effects of the model.
+    pub structure: &'a Structure,
+    /// The fit.
+    pub fitted: &'a FitResult,
+    /// Its parameters as they are reported.
+    pub estimates: &'a [Estimate],
+    /// How far the simulation's own error may have moved each entry of θ.
+    pub grid_shift: &'a [f64],
+    /// Measured over declared noise.
+    pub noise_scale: Option<f64>,
+}
+
+/// The intervals of a fit: those that an earlier run has found, else new ones where they are `asked` for.
+///
+/// # Errors
+/// The model cannot be simulated, or a file cannot be written.
+pub fn profile(
+    inputs: &Inputs,
+    settings: &RunSettings,
+    run: &RunFolder,
+    (of, asked): (&Profiled, bool),
+    progress: &dyn Fn(&str),
+) -> anyhow::Result<Vec<Profile>> {
+    let (key, effects) = (inputs.key(settings), of.structure.ids());
+    let earlier = kept::<ProfileFile>(&run.profile());
+    if let Some(earlier) = earlier.filter(|file| file.key == key && file.effects == effects) {
+        return Ok(earlier.profiles);
+    }
+    if !asked {
+        return Ok(Vec::new());
+    }
+    progress("following each parameter away from its best value: profile likelihood");
+    let (demos, held_out) = inputs.members();
+    let options = LoopOptions::new(settings.resolution(), settings.seed);
+    let (mut problem, _) = problems(&demos, &held_out, &options)?;
+    problem.noise_scale = of.noise_scale.unwrap_or(1.0);
+    let found = profiles(&problem, of.structure, of.fitted, (of.estimates, of.grid_shift))?;
+    let file = ProfileFile {
+        key,
+        effects,
+        profiles: found,
+    };
+    write_whole(&run.profile(), &serde_json::to_vec_pretty(&file)?)?;
+    Ok(file.profiles)
+}
