@@ -180,9 +180,14 @@ impl RunFolder {
         self.path.join("diagnosis.json")
     }
 
-    /// Intervals by profile likelihood.
+    /// Intervals of the final model by profile likelihood.
     pub fn profile(&self) -> PathBuf {
         self.path.join("profile.json")
+    }
+
+    /// The same of the base model, which nobody has diagnosed.
+    pub fn base_profile(&self) -> PathBuf {
+        self.path.join("base_profile.json")
     }
 
     /// What an unfinished diagnosis has come to; removed once it is done.

@@ -130,8 +130,8 @@ struct RunArguments {
     /// How much to do.
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
-    /// Also find 95 % intervals by profile likelihood: some twenty fits for every parameter, and right where a standard
-    /// error, the same on both sides, is not.
+    /// Also find 95 % intervals by profile likelihood: up to sixteen fits for every parameter. A standard error is the
+    /// same on both sides; a rope may answer less to more of something than to less of it.
     #[arg(long)]
     profile: bool,
     /// Folder of the run; `runs/<name>` by default.

@@ -88,13 +88,14 @@ impl Job<'_> {
             held_out.rms_mm, held_out.floors
         ));
         self.warn_of_misfits(&base.fitted);
-        let profiles = self.profiles(&Profiled {
+        let of = Profiled {
             structure: &Structure::default(),
             fitted: &base.fitted,
             estimates: &estimates,
             grid_shift: &base.grid_shift,
             noise_scale: base.noise_scale,
-        })?;
+        };
+        let profiles = self.profiles(&of, &self.run.base_profile())?;
         Ok(Summary {
             profiles,
             ..self.summary(NOT_DIAGNOSED, (Vec::new(), estimates), [&base.held_out; 2])
@@ -102,12 +103,12 @@ impl Job<'_> {
     }
 
     /// Intervals by profile likelihood, where they are asked for or there already.
-    fn profiles(&self, of: &Profiled) -> anyhow::Result<Vec<Profile>> {
+    fn profiles(&self, of: &Profiled, file: &Path) -> anyhow::Result<Vec<Profile>> {
         let say = |line: &str| self.reporter.say(line);
         let profiles = profile(
             &self.inputs,
             &self.settings,
-            &self.run,
+            file,
             (of, self.arguments.profile),
             &say,
         )?;
@@ -153,13 +154,14 @@ impl Job<'_> {
             (outcome.structure.ids(), outcome.estimates()),
             [&outcome.held_out_before, &outcome.held_out_after],
         );
-        summary.profiles = self.profiles(&Profiled {
+        let of = Profiled {
             structure: &outcome.structure,
             fitted: &outcome.fitted,
             estimates: &summary.parameters,
             grid_shift: &outcome.grid_shift,
             noise_scale: outcome.noise_scale,
-        })?;
+        };
+        summary.profiles = self.profiles(&of, &run.profile())?;
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
             // What comes before is kept round by round: there Ctrl-C ends the program at once.

@@ -218,7 +218,8 @@ impl<'a> Problem<'a> {
         self.evaluation(theta, &self.traces(structure, theta)?)
     }
 
-    /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values.
+    /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values. Columns of what
+    /// moves the rope only out of the plane in which it was seen are zero.
     ///
     /// # Errors
     /// The structure without them cannot be simulated, or too little was measured.

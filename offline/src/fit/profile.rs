@@ -6,6 +6,7 @@ use super::problem::{Evaluation, FitError, Problem};
 use super::solver::{FitResult, fit_holding, mean_square, not_told};
 use super::uncertainty::{Correlation, covariance, ratio_shift};
 use crate::model::{Estimate, ParameterInfo, Structure};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -18,15 +19,16 @@ const TOLERANCE: f64 = 0.05;
 /// Most refits for one end.
 const REFITS: usize = 8;
 /// Most evaluations of a refit: it starts where the covariance says that the others go.
-const EVALUATIONS: usize = 6;
+const EVALUATIONS: usize = 12;
 /// Likelihood ratio from which on a fit counts as better than the best: that of one standard error. Descents end within
 /// a tenth of one, and points that are assigned to other stations move the ratio by some tenths.
 const BETTER: f64 = 1.0;
 /// How much farther than the last try the next may be.
 const FARTHEST: f64 = 3.0;
 
-/// The interval of one parameter. An end is none where the data allow everything up to the end of the physical range,
-/// or up to where the rope cannot be simulated.
+/// The interval of one parameter. An end is none where none was found: the data allow everything up to the end of the
+/// physical range, the rope cannot be simulated so far out, or the fit grows worse too slowly for the tries that a side
+/// has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// Name, see [`ParameterInfo`].
@@ -54,12 +56,15 @@ pub fn profiles(
     fitted: &FitResult,
     (estimates, grid_shift): (&[Estimate], &[f64]),
 ) -> Result<Vec<Profile>, FitError> {
+    // What was found on another way to rest would be compared with what is found from here.
+    let (problem, best) = problem.settled_and_evaluated(structure, &fitted.best.theta)?;
     let search = Search {
-        problem: &problem.settled(structure, &fitted.best.theta)?,
-        structure,
-        best: &fitted.best,
+        spread: covariance(&best, structure),
+        held: not_told(&problem, structure, &best),
         info: structure.parameters(),
-        held: not_told(problem, structure, &fitted.best),
+        problem,
+        structure,
+        best,
     };
     let asked: Vec<usize> = (0..search.held.len()).filter(|&k| !search.held[k]).collect();
     let ratio = ratio_shift(&fitted.best, structure);
@@ -99,7 +104,7 @@ impl std::fmt::Display for Profile {
             (None, None) => f.write_str("no end was found on either side"),
         }?;
         if self.better_elsewhere {
-            f.write_str(" (on the way there are better fits: the estimate is of a local minimum)")?;
+            f.write_str(" (the estimate is of a local minimum: there are better fits on the way)")?;
         }
         Ok(())
     }
@@ -122,9 +127,11 @@ struct Point {
 }
 
 struct Search<'a> {
-    problem: &'a Problem<'a>,
+    problem: Problem<'a>,
     structure: &'a Structure,
-    best: &'a Evaluation,
+    best: Evaluation,
+    /// Covariance of θ.
+    spread: DMatrix<f64>,
     info: Vec<ParameterInfo>,
     /// Entries that the data do not tell.
     held: Vec<bool>,
@@ -133,7 +140,13 @@ struct Search<'a> {
 impl Search<'_> {
     /// The end of entry `k` on a side.
     fn end(&self, (k, side): (usize, f64)) -> End {
-        let spread = covariance(self.best, self.structure);
+        let Self { spread, .. } = self;
+        if !spread[(k, k)].is_finite() {
+            return End {
+                distance: None,
+                better: false,
+            };
+        }
         let bound = if side < 0.0 {
             self.info[k].low
         } else {
@@ -207,8 +220,8 @@ impl Search<'_> {
     fn point(&self, (k, side): (usize, f64), theta: Vec<f64>) -> Option<(Point, bool)> {
         let mut held = self.held.clone();
         held[k] = true;
-        let fit = fit_holding(self.problem, self.structure, (theta, held), EVALUATIONS).ok()?;
-        let ratio = likelihood_ratio(self.best, &fit.best);
+        let fit = fit_holding(&self.problem, self.structure, (theta, held), EVALUATIONS).ok()?;
+        let ratio = likelihood_ratio(&self.best, &fit.best);
         let point = Point {
             distance: side * (fit.best.theta[k] - self.best.theta[k]),
             root: ratio.max(0.0).sqrt(),

@@ -1,18 +1,21 @@
-//! Intervals by profile likelihood, on request, and `profile.json`.
+//! Intervals by profile likelihood, on request, in `profile.json` and `base_profile.json`.
 
 use super::settings::{Inputs, RunSettings};
 use crate::diagnose::{LoopOptions, problems};
 use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
-use crate::run_files::{RunFolder, kept, write_whole};
+use crate::run_files::{kept, write_whole};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
-/// `profile.json`.
+/// What these files hold.
 #[derive(Serialize, Deserialize)]
 struct ProfileFile {
     /// Of what the fit depends on.
     key: u64,
     effects: Vec<String>,
+    /// θ of the fit.
+    theta: Vec<f64>,
     profiles: Vec<Profile>,
 }
 
@@ -37,13 +40,17 @@ pub struct Profiled<'a> {
 pub fn profile(
     inputs: &Inputs,
     settings: &RunSettings,
-    run: &RunFolder,
+    file: &Path,
     (of, asked): (&Profiled, bool),
     progress: &dyn Fn(&str),
 ) -> anyhow::Result<Vec<Profile>> {
-    let (key, effects) = (inputs.key(settings), of.structure.ids());
-    let earlier = kept::<ProfileFile>(&run.profile());
-    if let Some(earlier) = earlier.filter(|file| file.key == key && file.effects == effects) {
+    let wanted = ProfileFile {
+        key: inputs.key(settings),
+        effects: of.structure.ids(),
+        theta: of.fitted.best.theta.clone(),
+        profiles: Vec::new(),
+    };
+    if let Some(earlier) = kept::<ProfileFile>(file).filter(|earlier| earlier.is_of(&wanted)) {
         return Ok(earlier.profiles);
     }
     if !asked {
@@ -55,11 +62,17 @@ pub fn profile(
     let (mut problem, _) = problems(&demos, &held_out, &options)?;
     problem.noise_scale = of.noise_scale.unwrap_or(1.0);
     let found = profiles(&problem, of.structure, of.fitted, (of.estimates, of.grid_shift))?;
-    let file = ProfileFile {
-        key,
-        effects,
+    let whole = ProfileFile {
         profiles: found,
+        ..wanted
     };
-    write_whole(&run.profile(), &serde_json::to_vec_pretty(&file)?)?;
-    Ok(file.profiles)
+    write_whole(file, &serde_json::to_vec_pretty(&whole)?)?;
+    Ok(whole.profiles)
+}
+
+impl ProfileFile {
+    /// Whether both are of the same fit to the same data.
+    fn is_of(&self, other: &Self) -> bool {
+        self.key == other.key && self.effects == other.effects && self.theta == other.theta
+    }
 }

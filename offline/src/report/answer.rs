@@ -128,10 +128,10 @@ pub(super) fn interval(estimate: &Estimate, scale: f64, profiles: &[Profile]) ->
         (Some(low), Some(high)) => format!("{low} to {high}"),
         (Some(low), None) => format!("above {low}"),
         (None, Some(high)) => format!("below {high}"),
-        (None, None) => "anything".to_owned(),
+        (None, None) => "no end found".to_owned(),
     };
     Some(if profile.better_elsewhere {
-        format!("{words} (better fits lie on the way)")
+        format!("{words} (the value is of a local minimum)")
     } else {
         words
     })
