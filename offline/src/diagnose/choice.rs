@@ -78,6 +78,12 @@ pub(super) fn choose(
             }
             Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
             Found::Nothing if pass_in_company(&refit.gates) => found = Found::InCompany(standing),
+            // With another cause missing few offsets are independent, and the rig's care would decide alone.
+            Found::InCompany(best)
+                if pass_in_company(&refit.gates) && standing.held.rms_mm < best.held.rms_mm =>
+            {
+                *best = standing;
+            }
             _ => {}
         }
         refits.push(refit);
