@@ -164,9 +164,9 @@ fn refine(
 
 #[cfg(test)]
 mod tests {
+    use super::super::conclude::tests::fitted;
     use super::*;
-    use crate::fit::{Correlation, StopReason};
-    use nalgebra::DMatrix;
+    use crate::fit::Correlation;
 
     /// A refit that leaves `held_out_mm` of ten independent offsets.
     fn tried(id: &str, values: &[f64], held_out_mm: f64) -> Tried {
@@ -194,16 +194,10 @@ mod tests {
             gates: Vec::new(),
             passed: true,
         };
+        let model = fitted(&structure, 1e-3 * held_out_mm);
         let fitted = FitResult {
-            best: Evaluation {
-                theta,
-                rows: Vec::new(),
-                jacobian: DMatrix::zeros(0, 0),
-            },
-            cost: 0.0,
-            stop: StopReason::Converged,
-            evaluations: 1,
-            ends: Vec::new(),
+            best: Evaluation { theta, ..model.best },
+            ..model
         };
         (refit, structure, fitted)
     }

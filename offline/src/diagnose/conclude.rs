@@ -161,7 +161,7 @@ fn hint(evaluation: &Evaluation) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::round::Refit;
     use super::super::score::ScoreTable;
     use super::*;
@@ -171,7 +171,7 @@ mod tests {
     use nalgebra::DMatrix;
 
     /// A fit that leaves `rms_m` where the noise is 1 mm.
-    fn fitted(structure: &Structure, rms_m: f64) -> FitResult {
+    pub fn fitted(structure: &Structure, rms_m: f64) -> FitResult {
         let row = |frame: usize| Row {
             frame,
             station: 0,

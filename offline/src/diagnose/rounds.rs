@@ -515,38 +515,17 @@ impl Bench<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::conclude::tests::fitted;
     use super::*;
     use crate::diagnose::ScoreTable;
-    use crate::fit::StopReason;
-    use crate::observe::Row;
-    use nalgebra::DMatrix;
 
     /// A model that leaves `rms_mm` everywhere.
     fn standing(ids: &[&str], rms_mm: f64) -> Standing {
         let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
-        let row = |frame: usize| Row {
-            frame,
-            station: 0,
-            arc_m: 0.1,
-            position_m: [0.0; 3],
-            direction: [1.0, 0.0, 0.0],
-            offset_m: 1e-3 * rms_mm,
-            sigma_m: 1e-3,
-        };
-        let best = Evaluation {
-            theta: structure.start(1e6),
-            rows: vec![(0..30).map(row).collect()],
-            jacobian: DMatrix::zeros(0, 0),
-        };
+        let fitted = fitted(&structure, 1e-3 * rms_mm);
         Standing {
-            held: ResidualSummary::of(&best),
-            fitted: FitResult {
-                best,
-                cost: 0.0,
-                stop: StopReason::Converged,
-                evaluations: 1,
-                ends: Vec::new(),
-            },
+            held: ResidualSummary::of(&fitted.best),
+            fitted,
             structure,
             rivals: Vec::new(),
         }

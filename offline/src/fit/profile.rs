@@ -4,7 +4,7 @@
 
 use super::problem::{Evaluation, FitError, Problem};
 use super::solver::{FitResult, fit_holding, mean_square, not_told};
-use super::uncertainty::{Correlation, covariance, ratio_shift};
+use super::uncertainty::{Correlation, Information};
 use crate::model::{Estimate, ParameterInfo, Structure};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -59,7 +59,7 @@ pub fn profiles(
     // What was found on another way to rest would be compared with what is found from here.
     let (problem, best) = problem.settled_and_evaluated(structure, &fitted.best.theta)?;
     let search = Search {
-        spread: covariance(&best, structure),
+        spread: Information::of(&best, structure).covariance(),
         held: not_told(&problem, structure, &best),
         info: structure.parameters(),
         problem,
@@ -67,7 +67,7 @@ pub fn profiles(
         best,
     };
     let asked: Vec<usize> = (0..search.held.len()).filter(|&k| !search.held[k]).collect();
-    let ratio = ratio_shift(&fitted.best, structure);
+    let ratio = Information::of(&fitted.best, structure).ratio_shift;
     let profile = |&k: &usize| {
         let systematic = QUANTILE * grid_shift[k].hypot(ratio[k]);
         let [low, high] = [-1.0, 1.0].map(|side| (k, side));

@@ -125,7 +125,7 @@ pub fn fit_starts(
                 here,
                 structure,
                 start,
-                (options.max_evaluations.into(), None),
+                options.max_evaluations.into(),
             ))
         })
         .collect();
@@ -180,7 +180,7 @@ pub fn fit_from(
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
     let (here, start) = problem.settled_and_evaluated(structure, &theta)?;
-    Ok(descend_settled(here, structure, start, (budget.into(), None)))
+    Ok(descend_settled(here, structure, start, budget.into()))
 }
 
 /// The same with some entries of θ held where they are, and no others.
@@ -194,12 +194,7 @@ pub(super) fn fit_holding(
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
     let (here, start) = problem.settled_and_evaluated(structure, &theta)?;
-    Ok(descend_settled(
-        here,
-        structure,
-        start,
-        (budget.into(), Some(held)),
-    ))
+    Ok(descend_holding(here, structure, (start, held), budget.into()))
 }
 
 /// Descends from the first of some starts that costs less than `below`, or from the best of them where none does; returns
@@ -228,23 +223,28 @@ pub fn fit_from_first(
     let cost = |one: &Result<_, _>| one.as_ref().map_or(f64::INFINITY, |one: &(f64, _, _)| one.0);
     let best = tried.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
     let (_, here, start) = best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))?;
-    Ok(descend_settled(here, structure, start, (budget.into(), None)))
+    Ok(descend_settled(here, structure, start, budget.into()))
 }
 
 /// Descends from an evaluation, which counts as the first; returns the best iterate.
 pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let here = problem.settled(structure, &start.theta);
     let here = here.unwrap_or_else(|_| problem.clone());
-    descend_settled(here, structure, start, (budget, None))
+    descend_settled(here, structure, start, budget)
 }
 
-/// The same for a problem that is settled at the start, with some entries of θ held there: those that
-/// are named, else those that the data do not tell.
-fn descend_settled(
+/// The same for a problem that is settled at the start.
+fn descend_settled(here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
+    let held = not_told(&here, structure, &start);
+    descend_holding(here, structure, (start, held), budget)
+}
+
+/// The same with some entries of θ held at the start.
+fn descend_holding(
     mut here: Problem,
     structure: &Structure,
-    start: Evaluation,
-    (budget, held): (Budget, Option<Vec<bool>>),
+    (start, held): (Evaluation, Vec<bool>),
+    budget: Budget,
 ) -> FitResult {
     let info = structure.parameters();
     let mut best = start;
@@ -252,7 +252,6 @@ fn descend_settled(
     let mut evaluations = 1;
     let mut damping = 1e-3;
     let mut growth = 2.0;
-    let held = held.unwrap_or_else(|| not_told(&here, structure, &best));
     let stop = loop {
         if evaluations >= budget.evaluations {
             break StopReason::BudgetSpent;

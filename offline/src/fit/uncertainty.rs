@@ -3,7 +3,7 @@
 use super::problem::Evaluation;
 use super::solver::{normal_equations, weighted};
 use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::{Deserialize, Serialize};
 
 /// How alike neighbouring residuals are, and what that does to their information.
@@ -71,36 +71,58 @@ impl Correlation {
     }
 }
 
-/// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
-/// others what that width may have moved them ("consider" covariance, Schmidt 1966).
+/// Covariance of θ, see [`Information::covariance`].
 pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64> {
-    let info = structure.parameters();
-    let n = info.len();
-    let factor = Correlation::of(evaluation).variance_factor();
-    let hessian = shrunk_hessian(evaluation, &info);
-    let told = told(evaluation);
-    let Some(factored) = (told.tr_mul(&hessian) * &told).cholesky() else {
-        return DMatrix::from_diagonal_element(n, n, f64::INFINITY);
-    };
-    let moved = DVector::from(ratio_shift(evaluation, structure));
-    &told * (factored.inverse() * factor) * told.transpose() + &moved * moved.transpose()
+    Information::of(evaluation, structure).covariance()
 }
 
-/// How far the width of the prior in Poisson's ratio may have moved each entry of θ; nothing where the data tell it.
-pub(super) fn ratio_shift(evaluation: &Evaluation, structure: &Structure) -> Vec<f64> {
-    let info = structure.parameters();
-    let told = told(evaluation);
-    if told.ncols() == info.len() {
-        return vec![0.0; info.len()];
+/// What the data and the prior tell of θ.
+pub(super) struct Information {
+    /// Factor on variances.
+    factor: f64,
+    /// See [`told`].
+    told: DMatrix<f64>,
+    /// Of the entries that the data tell; none where they do not tell all of these.
+    factored: Option<Cholesky<f64, Dyn>>,
+    /// How far the width of the prior in Poisson's ratio may have moved each entry of θ; nothing where the data tell
+    /// it.
+    pub ratio_shift: Vec<f64>,
+}
+
+impl Information {
+    pub fn of(evaluation: &Evaluation, structure: &Structure) -> Self {
+        let info = structure.parameters();
+        let told = told(evaluation);
+        let hessian = shrunk_hessian(evaluation, &info);
+        let factored = (told.tr_mul(&hessian) * &told).cholesky();
+        let ratio_shift = match &factored {
+            _ if told.ncols() == info.len() => vec![0.0; info.len()],
+            None => vec![f64::INFINITY; info.len()],
+            Some(factored) => {
+                let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
+                moved[POISSON] = 1.0;
+                moved *= info[POISSON].prior_sd;
+                moved.data.into()
+            }
+        };
+        Self {
+            factor: Correlation::of(evaluation).variance_factor(),
+            told,
+            factored,
+            ratio_shift,
+        }
     }
-    let hessian = shrunk_hessian(evaluation, &info);
-    let Some(factored) = (told.tr_mul(&hessian) * &told).cholesky() else {
-        return vec![f64::INFINITY; info.len()];
-    };
-    let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
-    moved[POISSON] = 1.0;
-    moved *= info[POISSON].prior_sd;
-    moved.data.into()
+
+    /// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
+    /// others what that width may have moved them ("consider" covariance, Schmidt 1966).
+    pub fn covariance(&self) -> DMatrix<f64> {
+        let n = self.ratio_shift.len();
+        let Some(factored) = &self.factored else {
+            return DMatrix::from_diagonal_element(n, n, f64::INFINITY);
+        };
+        let moved = DVector::from_column_slice(&self.ratio_shift);
+        &self.told * (factored.inverse() * self.factor) * self.told.transpose() + &moved * moved.transpose()
+    }
 }
 
 /// The Hessian of a cost in which correlated offsets count no more than they tell. The prior is not data: only the
