@@ -23,6 +23,8 @@ pub struct ParameterInfo {
     pub prior_sd: f64,
     /// A change of this size matters.
     pub smallest_of_interest: f64,
+    /// Whether it moves a rope out of its plane, see [`effects::ParameterSpec::sideways`].
+    pub sideways: bool,
 }
 
 /// Young's moduli that the program admits, Pa: from ten times below the paper's range to stiff cables
@@ -72,6 +74,7 @@ impl Structure {
                 prior_mean: 0.5 * (low + high),
                 prior_sd: high - low,
                 smallest_of_interest: 0.02,
+                sideways: false,
             },
             ParameterInfo {
                 name: "poisson".into(),
@@ -81,6 +84,7 @@ impl Structure {
                 prior_mean: POISSON_PRIOR[0],
                 prior_sd: POISSON_PRIOR[1],
                 smallest_of_interest: 0.02,
+                sideways: false,
             },
         ];
         for &index in &self.effects {
@@ -122,6 +126,7 @@ pub fn effect_parameters(index: usize) -> impl Iterator<Item = ParameterInfo> {
         prior_mean: p.vanishes_at,
         prior_sd: p.high - p.low,
         smallest_of_interest: p.smallest_of_interest,
+        sideways: p.sideways,
     })
 }
 

@@ -106,6 +106,23 @@ fn every_effect_changes_a_lift() {
     }
 }
 
+/// A lift in the plane y = 0 leaves it by what is said to act sideways, and by nothing else.
+#[test]
+fn what_acts_sideways_moves_a_rope_out_of_its_plane_and_nothing_else_does() {
+    let scene = lift();
+    for (effect, spec) in ALL.iter().enumerate() {
+        for (k, p) in spec.parameters.iter().enumerate() {
+            let mut values: Vec<f64> = spec.vanishing().collect();
+            values[k] = (values[k] + 0.5 * p.smallest_of_interest).min(p.high);
+            let run = simulate(&scene, &with_effect(effect, &values)).unwrap();
+            let points = run.frames.iter().flatten();
+            let out_m = points.map(|point| point[1].abs()).fold(0.0, f64::max);
+            let expected = if p.sideways { out_m > 1e-6 } else { out_m < 1e-12 };
+            assert!(expected, "{} {}: {out_m:.2e} m", spec.id, p.name);
+        }
+    }
+}
+
 /// Where a node changes between sliding and sticking, or contact closes, there is no derivative;
 /// differences this small rarely meet such a step.
 #[test]

@@ -27,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 2.5,
             smallest_of_interest: 0.3,
             slope: Slope::Tangent,
+            sideways: false,
         },
         ParameterSpec {
             name: "tangential_coefficient",
@@ -36,6 +37,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 0.3,
             smallest_of_interest: 0.05,
             slope: Slope::Tangent,
+            sideways: false,
         },
         ParameterSpec {
             name: "linear_rate_per_s",
@@ -45,6 +47,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 5.0,
             smallest_of_interest: 0.1,
             slope: Slope::Tangent,
+            sideways: false,
         },
     ],
 };

@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 5.0,
         smallest_of_interest: 0.05,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

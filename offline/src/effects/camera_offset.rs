@@ -17,16 +17,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: true,
     only_seen: true,
     parameters: &[
-        shift("shift_x_m"),
-        shift("shift_y_m"),
-        shift("shift_z_m"),
-        turn("turn_x_rad"),
-        turn("turn_y_rad"),
-        turn("turn_z_rad"),
+        shift("shift_x_m", false),
+        shift("shift_y_m", true),
+        shift("shift_z_m", false),
+        turn("turn_x_rad", true),
+        turn("turn_y_rad", false),
+        turn("turn_z_rad", true),
     ],
 };
 
-const fn shift(name: &'static str) -> ParameterSpec {
+const fn shift(name: &'static str, sideways: bool) -> ParameterSpec {
     ParameterSpec {
         name,
         unit: "m",
@@ -35,10 +35,11 @@ const fn shift(name: &'static str) -> ParameterSpec {
         high: 0.05,
         smallest_of_interest: 0.001,
         slope: Slope::Tangent,
+        sideways,
     }
 }
 
-const fn turn(name: &'static str) -> ParameterSpec {
+const fn turn(name: &'static str, sideways: bool) -> ParameterSpec {
     ParameterSpec {
         name,
         unit: "rad",
@@ -47,6 +48,7 @@ const fn turn(name: &'static str) -> ParameterSpec {
         high: 0.2,
         smallest_of_interest: 0.005,
         slope: Slope::Tangent,
+        sideways,
     }
 }
 

@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 50.0,
         smallest_of_interest: 0.2,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

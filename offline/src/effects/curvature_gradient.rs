@@ -15,10 +15,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
-    parameters: &[parameter("toward_side_per_m2"), parameter("toward_up_per_m2")],
+    parameters: &[
+        parameter("toward_side_per_m2", true),
+        parameter("toward_up_per_m2", false),
+    ],
 };
 
-const fn parameter(name: &'static str) -> ParameterSpec {
+const fn parameter(name: &'static str, sideways: bool) -> ParameterSpec {
     ParameterSpec {
         name,
         unit: "1/m²",
@@ -27,6 +30,7 @@ const fn parameter(name: &'static str) -> ParameterSpec {
         high: 40.0,
         smallest_of_interest: 0.5,
         slope: Slope::Tangent,
+        sideways,
     }
 }
 

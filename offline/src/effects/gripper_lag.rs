@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 0.3,
         smallest_of_interest: 0.005,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

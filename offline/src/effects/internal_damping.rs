@@ -34,6 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 0.02,
         smallest_of_interest: 0.0005,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

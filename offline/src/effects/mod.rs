@@ -73,6 +73,9 @@ pub struct ParameterSpec {
     pub smallest_of_interest: f64,
     /// How the rope's change with the parameter is found.
     pub slope: Slope,
+    /// Whether its sign turns where the world is mirrored at the plane y = 0: by it a rope leaves that plane, and to
+    /// first order by nothing else does. Of what bends at rest this holds for a rope that was not rolled.
+    pub sideways: bool,
 }
 
 /// How the derivative with respect to a parameter is found.

@@ -21,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 0.3,
         smallest_of_interest: 0.01,
         slope: Slope::Secant,
+        sideways: false,
     }],
 };
 

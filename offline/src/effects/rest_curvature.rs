@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 20.0,
             smallest_of_interest: 0.1,
             slope: Slope::Tangent,
+            sideways: true,
         },
         ParameterSpec {
             name: "toward_up_per_m",
@@ -33,6 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 20.0,
             smallest_of_interest: 0.1,
             slope: Slope::Tangent,
+            sideways: false,
         },
     ],
 };

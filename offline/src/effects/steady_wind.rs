@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 36.0,
             smallest_of_interest: 1.0,
             slope: Slope::SecantNearZero,
+            sideways: false,
         },
         ParameterSpec {
             name: "toward_y_m2_s2",
@@ -39,6 +40,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 36.0,
             smallest_of_interest: 1.0,
             slope: Slope::SecantNearZero,
+            sideways: true,
         },
     ],
 };

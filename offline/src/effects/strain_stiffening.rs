@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 200.0,
         smallest_of_interest: 1.0,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

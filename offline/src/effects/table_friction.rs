@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 1.0,
         smallest_of_interest: 0.1,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

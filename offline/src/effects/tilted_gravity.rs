@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 0.3,
             smallest_of_interest: 0.01,
             slope: Slope::Tangent,
+            sideways: false,
         },
         ParameterSpec {
             name: "toward_y_rad",
@@ -32,6 +33,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             high: 0.3,
             smallest_of_interest: 0.01,
             slope: Slope::Tangent,
+            sideways: true,
         },
     ],
 };

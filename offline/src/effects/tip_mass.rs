@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 0.5,
         smallest_of_interest: 0.001,
         slope: Slope::Tangent,
+        sideways: false,
     }],
 };
 

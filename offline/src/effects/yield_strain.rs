@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         high: 200.0,
         smallest_of_interest: 20.0,
         slope: Slope::SecantNearZero,
+        sideways: false,
     }],
 };
 

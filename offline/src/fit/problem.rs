@@ -270,16 +270,20 @@ impl<'a> Problem<'a> {
     }
 
     /// Which entries of θ move a rope only out of the plane in which it was seen. A fit leaves them where they are, and
-    /// no score asks for them: to second order they would stand in for whatever shortens the rope there.
+    /// no score asks for them: to second order they would stand in for whatever shortens the rope there. Slopes alone
+    /// do not tell which: they are none in the plane only, and a cable that had left it by little had a camera turned
+    /// by 0.16 rad about the vertical in the end. A rope that was rolled bends in other planes than its kinds say.
     pub fn out_of_plane(&self, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
         /// Change of a row over the whole range of a parameter, in standard errors, that is none.
         const NONE: f64 = 0.1;
         let planar = self.demos.iter().all(|demo| demo.spec.planar);
+        let rolled = self.demos.iter().any(|demo| demo.spec.rope.roll_rad != 0.0);
         let jacobian = evaluation.whitened_jacobian();
         let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
         let info = structure.parameters();
         let entries = info.iter().enumerate();
-        entries.map(|entry| planar && !moves(entry)).collect()
+        let outwards = |(k, p): (usize, &ParameterInfo)| (p.sideways && !rolled) || !moves((k, p));
+        entries.map(|entry| planar && outwards(entry)).collect()
     }
 
     /// What the cameras saw against what is predicted, with slopes.
