@@ -9,8 +9,9 @@
 //! **Bending stiffness.** With F̄ the mean of F A over a slice's particles, the slice's energy becomes the mean
 //! of c ψ(F A) + (1 − c) ψ(F̄): what the particles have in common, stretch and shear, keeps its
 //! stiffness, and what differs over the section, bending and twist, has c times as much. It scales
-//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not. A soft first
-//! slice at a clamp is a quarter too stiff in either form. F̄ turns with the rope, so it is invariant.
+//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not. What is soft
+//! beside a clamp bends over less than its length in either form (`effects/clamp_compliance.rs`). F̄ turns with the
+//! rope, so it is invariant.
 //!
 //! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
 //! material coordinates.

@@ -87,6 +87,8 @@ pub struct RopeLayout {
     pub slices: Vec<Slice>,
     /// Offsets of a slice's particles from the axis, m.
     pub section_m: Vec<[f64; 2]>,
+    /// Spacing of the grid for which they are fine enough, m.
+    pub spacing_m: f64,
 }
 
 impl RopeLayout {
@@ -121,6 +123,7 @@ impl RopeLayout {
             shape,
             slices,
             section_m: section(shape.diameter_m, sampling.section_cells * spacing_m),
+            spacing_m,
         }
     }
 
