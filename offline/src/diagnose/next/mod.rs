@@ -213,16 +213,23 @@ impl<'a> Desk<'a> {
             structure: outcome.structure.clone(),
             theta: outcome.fitted.best.theta.clone(),
         };
-        let mut wide = fitted.clone();
-        for effect in 0..effects::ALL.len() {
-            if !fitted.structure.effects.contains(&effect) && !self.options.hidden.contains(&effect) {
-                wide = wide.with(effect);
+        let missing = (0..effects::ALL.len()).filter(|effect| {
+            !fitted.structure.effects.contains(effect) && !self.options.hidden.contains(effect)
+        });
+        let missing: Vec<usize> = missing.collect();
+        let wide = missing
+            .iter()
+            .fold(fitted.clone(), |wide, &effect| wide.with(effect));
+        // A diagnosis that went on after its last round has none.
+        let made;
+        let library = match &outcome.library {
+            Some(library) => library,
+            None => {
+                made = self.problem.library(&fitted.structure, &fitted.theta, &missing)?;
+                &made
             }
-        }
-        let evaluation = match &outcome.library {
-            Some(library) => transplanted(library, &outcome.fitted.best, &fitted.structure, &wide),
-            None => self.problem.evaluate(&wide.structure, &wide.theta)?,
         };
+        let evaluation = transplanted(library, &outcome.fitted.best, &fitted.structure, &wide);
         let mut allowed = in_model(outcome);
         allowed.extend(not_in_model(
             &evaluation,
