@@ -43,7 +43,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         unit: "rad/(N m)",
         vanishes_at: 0.0,
         low: 0.0,
-        high: 100.0,
+        high: 200.0,
         smallest_of_interest: 0.2,
         slope: Slope::Tangent,
         sideways: false,
