@@ -71,7 +71,8 @@ impl Correlation {
     }
 }
 
-/// Covariance of θ, see [`Information::covariance`].
+/// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
+/// others what that width may have moved them ("consider" covariance, Schmidt 1966).
 pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64> {
     Information::of(evaluation, structure).covariance()
 }
@@ -113,8 +114,7 @@ impl Information {
         }
     }
 
-    /// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
-    /// others what that width may have moved them ("consider" covariance, Schmidt 1966).
+    /// See [`covariance`].
     pub fn covariance(&self) -> DMatrix<f64> {
         let n = self.ratio_shift.len();
         let Some(factored) = &self.factored else {
