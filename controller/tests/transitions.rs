@@ -2,6 +2,7 @@
 
 mod virtual_arm;
 
+use controller::constants::FOLLOWING_ERROR_MAX_RAD;
 use controller::sample;
 use controller::step::{Inputs, Setup};
 use shared::arm::{self, LEVEL_POSTURE_RAD};
@@ -34,6 +35,33 @@ fn no_target_before_the_arm_is_measured_at_rest() {
         "the first target is the present pose"
     );
     assert_eq!(world.targets[0].stream, 1);
+}
+
+#[test]
+fn a_stream_begins_where_the_arm_is_when_the_first_target_is_due() {
+    let three_cycles_to_a_target = Setup {
+        cycles_per_target: 3,
+        ..virtual_arm::setup()
+    };
+    let mut world = World::with(three_cycles_to_a_target);
+    world.run(1);
+    assert_eq!(world.targets.len(), 1, "the first cycle is due");
+    for moved_after in 0..3 {
+        let state = world.arm.take();
+        world.run((SILENT_CYCLES as usize).next_multiple_of(3));
+        world.arm = state;
+        world.run(moved_after);
+        world.arm.as_mut().unwrap().q_rad[0] += 0.1 + FOLLOWING_ERROR_MAX_RAD;
+        let measured = world.arm.map(|arm| arm.q_rad);
+        let sent = world.targets.len();
+        world.run(3 - moved_after);
+        let first = world.targets.get(sent).map(|target| target.q_rad);
+        assert_eq!(
+            first, measured,
+            "moved after it was heard for {moved_after} cycles"
+        );
+        assert_eq!(world.latch(), Reason::Accepted);
+    }
 }
 
 #[test]
