@@ -218,9 +218,9 @@ fn score(
     theta: &[f64],
     options: &LoopOptions,
 ) -> Result<(ScoreTable, Library), FitError> {
-    let asked = (0..effects::ALL.len())
-        .filter(|index| !structure.effects.contains(index) && !options.hidden.contains(index));
-    let (asked, on_the_way): (Vec<usize>, Vec<usize>) = asked.partition(|&index| bench.fit.knows(index));
+    let (asked, on_the_way): (Vec<usize>, Vec<usize>) = options
+        .missing(structure)
+        .partition(|&index| bench.fit.knows(index));
     let (library, difference) = rayon::join(
         || bench.fit.library(structure, theta, &asked),
         || grid_errors([&bench.fit, &bench.finer], structure, theta),

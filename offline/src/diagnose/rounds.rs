@@ -55,6 +55,12 @@ pub enum Part {
 }
 
 impl LoopOptions {
+    /// Effects that a model lacks and that may be tried.
+    pub(super) fn missing(&self, structure: &Structure) -> impl Iterator<Item = usize> {
+        let may = |effect: &usize| !structure.effects.contains(effect) && !self.hidden.contains(effect);
+        (0..effects::ALL.len()).filter(may)
+    }
+
     /// Defaults on a grid; the finer one has [`FINER`] times the cells.
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {

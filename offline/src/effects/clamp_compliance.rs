@@ -57,15 +57,14 @@ struct ClampCompliance<T> {
 impl<T: Real> BendingLaw<T> for ClampCompliance<T> {
     fn change_stiffness(&self, point: &BendingPoint<T>, stiffness: &mut [T]) {
         let reach_m = SOFT_DIAMETERS * point.layout.shape.diameter_m;
-        let straight_m = STRAIGHT_CELLS * point.layout.spacing_m;
+        let length_m = reach_m - STRAIGHT_CELLS * point.layout.spacing_m;
         for mouth in point.mouths {
             for (slice, stiffness) in point.layout.slices.iter().zip(&mut *stiffness) {
                 let outside_m = (slice.arc_m - mouth.arc_m) * mouth.outwards;
                 let [from_m, to_m] =
                     [-0.5, 0.5].map(|side| (outside_m + side * slice.length_m).clamp(0.0, reach_m));
                 let share = (to_m - from_m) / slice.length_m;
-                let turn =
-                    self.compliance_rad_per_n_m * point.solid_n_m2.scale(share / (reach_m - straight_m));
+                let turn = self.compliance_rad_per_n_m * point.solid_n_m2.scale(share / length_m);
                 *stiffness = *stiffness / (T::one() + turn * *stiffness);
             }
         }

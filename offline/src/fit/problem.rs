@@ -276,14 +276,17 @@ impl<'a> Problem<'a> {
     pub fn out_of_plane(&self, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
         /// Change of a row over the whole range of a parameter, in standard errors, that is none.
         const NONE: f64 = 0.1;
-        let planar = self.demos.iter().all(|demo| demo.spec.planar);
+        let info = structure.parameters();
+        if !self.demos.iter().all(|demo| demo.spec.planar) {
+            return vec![false; info.len()];
+        }
         let rolled = self.demos.iter().any(|demo| demo.spec.rope.roll_rad != 0.0);
         let jacobian = evaluation.whitened_jacobian();
-        let moves = |(k, p): (usize, &ParameterInfo)| jacobian.column(k).amax() * (p.high - p.low) > NONE;
-        let info = structure.parameters();
+        let moves = |k: usize, p: &ParameterInfo| jacobian.column(k).amax() * (p.high - p.low) > NONE;
         let entries = info.iter().enumerate();
-        let outwards = |(k, p): (usize, &ParameterInfo)| (p.sideways && !rolled) || !moves((k, p));
-        entries.map(|entry| planar && outwards(entry)).collect()
+        entries
+            .map(|(k, p)| (p.sideways && !rolled) || !moves(k, p))
+            .collect()
     }
 
     /// What the cameras saw against what is predicted, with slopes.

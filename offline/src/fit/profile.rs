@@ -58,8 +58,9 @@ pub fn profiles(
 ) -> Result<Vec<Profile>, FitError> {
     // What was found on another way to rest would be compared with what is found from here.
     let (problem, best) = problem.settled_and_evaluated(structure, &fitted.best.theta)?;
+    let information = Information::of(&best, structure);
     let search = Search {
-        spread: Information::of(&best, structure).covariance(),
+        spread: information.covariance(),
         held: not_told(&problem, structure, &best),
         info: structure.parameters(),
         problem,
@@ -67,9 +68,8 @@ pub fn profiles(
         best,
     };
     let asked: Vec<usize> = (0..search.held.len()).filter(|&k| !search.held[k]).collect();
-    let ratio = Information::of(&fitted.best, structure).ratio_shift;
     let profile = |&k: &usize| {
-        let systematic = QUANTILE * grid_shift[k].hypot(ratio[k]);
+        let systematic = QUANTILE * grid_shift[k].hypot(information.ratio_shift[k]);
         let [low, high] = [-1.0, 1.0].map(|side| (k, side));
         let (low, high) = rayon::join(|| search.end(low), || search.end(high));
         let value = fitted.best.theta[k];

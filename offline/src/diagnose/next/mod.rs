@@ -213,10 +213,7 @@ impl<'a> Desk<'a> {
             structure: outcome.structure.clone(),
             theta: outcome.fitted.best.theta.clone(),
         };
-        let missing = (0..effects::ALL.len()).filter(|effect| {
-            !fitted.structure.effects.contains(effect) && !self.options.hidden.contains(effect)
-        });
-        let missing: Vec<usize> = missing.collect();
+        let missing: Vec<usize> = self.options.missing(&fitted.structure).collect();
         let wide = missing
             .iter()
             .fold(fitted.clone(), |wide, &effect| wide.with(effect));
