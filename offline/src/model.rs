@@ -4,6 +4,7 @@
 use crate::effects;
 use crate::sim::{Physics, Real};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Range and prior of one entry of θ.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,6 +61,22 @@ impl Structure {
         let mut effects = self.effects.clone();
         effects.push(effect);
         Self { effects }
+    }
+
+    /// The same structure without an effect.
+    pub fn without(&self, effect: usize) -> Self {
+        let others = self.effects.iter().copied().filter(|&other| other != effect);
+        Self {
+            effects: others.collect(),
+        }
+    }
+
+    /// Places in θ of the parameters of an effect that the structure has; those behind the last where it has not.
+    pub fn entries(&self, effect: usize) -> Range<usize> {
+        let count = |effect: usize| effects::ALL[effect].parameters.len();
+        let before = self.effects.iter().take_while(|&&other| other != effect);
+        let first = 2 + before.map(|&other| count(other)).sum::<usize>();
+        first..first + count(effect)
     }
 
     /// What each entry of θ is.

@@ -210,6 +210,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
                 passed: true,
             }],
             accepted: Some(found.0.into()),
+            dropped: Vec::new(),
         }],
         verdict: Verdict::Confounded {
             found: Vec::new(),

@@ -496,15 +496,20 @@ fn what_moves_a_rope_only_out_of_its_plane_is_not_fitted() {
     let problem = |demo: &Demo| {
         let problem = Problem::new(&[demo], Resolution { cells: CELLS }).unwrap();
         let theta = vec![CABLE.young_pa.ln(), 0.3, 0.05, 0.1];
-        let fitted = fit_from(&problem, &with_effect("rest_curvature"), theta, 4).unwrap();
-        fitted.best.theta
+        let structure = with_effect("rest_curvature");
+        let fitted = fit_from(&problem, &structure, theta, 4).unwrap();
+        let known = [2, 3].map(|k| estimates(&fitted.best, &structure)[k].identified);
+        (fitted.best.theta, known)
     };
     demo.spec.planar = true;
-    let theta = problem(&demo);
+    let (theta, known) = problem(&demo);
     assert_eq!(theta[2], 0.05, "towards the side");
     assert_ne!(theta[3], 0.1, "in the plane it is fitted");
+    assert_eq!(known, [false, true], "what is held is not said to be known");
     demo.spec.planar = false;
-    assert_ne!(problem(&demo)[2], 0.05, "seen from all sides it is fitted");
+    let (theta, known) = problem(&demo);
+    assert_ne!(theta[2], 0.05, "seen from all sides it is fitted");
+    assert_eq!(known, [true, true]);
 }
 
 /// A cable with natural curvature moved out of its plane by rounding alone, and a score made a curvature of 1.2 1/m

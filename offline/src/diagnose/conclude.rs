@@ -5,6 +5,7 @@ use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
 use crate::fit::{Evaluation, FitResult};
 use crate::model::{Estimate, Structure};
+use crate::observe::Row;
 use crate::residual::ResidualSummary;
 
 /// Residual over noise at which nothing is left to explain.
@@ -137,17 +138,19 @@ fn explained(structure: &Structure, estimates: &[Estimate], rivals: &[String]) -
     }
 }
 
-/// Where and when the residual is largest.
+/// Where and when the residual is largest against its standard error: one that the cameras hardly see is large
+/// by chance.
 fn hint(evaluation: &Evaluation) -> String {
-    let largest = evaluation
+    let clearness = |row: &Row| row.offset_m.abs() / row.sigma_m;
+    let clearest = evaluation
         .rows
         .iter()
         .enumerate()
         .flat_map(|(d, rows)| rows.iter().map(move |r| (d, r)))
-        .max_by(|a, b| a.1.offset_m.abs().total_cmp(&b.1.offset_m.abs()));
-    match largest {
+        .max_by(|a, b| clearness(a.1).total_cmp(&clearness(b.1)));
+    match clearest {
         Some((demo, row)) => format!(
-            "the largest offset, {:.1} mm along ({:.1}, {:.1}, {:.1}), is at s = {:.3} m in frame {} of demonstration {}",
+            "the clearest offset, {:.1} mm along ({:.1}, {:.1}, {:.1}), is at s = {:.3} m in frame {} of demonstration {}",
             1e3 * row.offset_m,
             row.direction[0],
             row.direction[1],
@@ -167,7 +170,6 @@ pub(super) mod tests {
     use super::*;
     use crate::effects;
     use crate::fit::{StopReason, estimates};
-    use crate::observe::Row;
     use nalgebra::DMatrix;
 
     /// A fit that leaves `rms_m` where the noise is 1 mm.
@@ -216,6 +218,7 @@ pub(super) mod tests {
                 passed: false,
             }],
             accepted: None,
+            dropped: Vec::new(),
         }
     }
 
@@ -264,6 +267,19 @@ pub(super) mod tests {
         let [near, strong] = [verdict(5e-3, 1.1e-3), verdict(20e-3, 1.4e-3)].map(|v| v.0);
         assert!(matches!(near, Verdict::Explained { .. }), "{near}");
         assert!(matches!(strong, Verdict::Explained { .. }), "{strong}");
+    }
+
+    #[test]
+    fn the_hint_points_where_the_residual_is_clear_not_where_the_cameras_hardly_see() {
+        let mut evaluation = fitted(&Structure::default(), 2e-3).best;
+        let rows = &mut evaluation.rows[0];
+        (rows[7].offset_m, rows[7].sigma_m) = (20e-3, 15e-3);
+        rows[8].offset_m = 3e-3;
+        let hint = hint(&evaluation);
+        assert!(
+            hint.contains("3.0 mm") && hint.contains("in frame 8 of"),
+            "{hint}"
+        );
     }
 
     /// A cable's poses were as well explained by its curl as by gravity that leans, and only one of them was told.

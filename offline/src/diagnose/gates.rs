@@ -157,9 +157,7 @@ fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
 /// the rope answers in proportion: a cable's stiffness and end mass, which grow together, may be anything upwards and
 /// yet not nothing.
 fn off_nothing(free: usize, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
-    let statistic = 2.0 * after.effective_rows * (before.rms_mm / after.rms_mm).ln();
-    // The points of χ² at two standard errors are 4, 6.2, 8.0 and 9.7 for one to four free parameters.
-    let by_chance = 2.0 + 2.0 * free as f64;
+    let [statistic, by_chance] = likelihood_ratio(free, [before, after]);
     Gate::new(
         OFF_NOTHING,
         statistic > by_chance,
@@ -167,8 +165,21 @@ fn off_nothing(free: usize, before: &ResidualSummary, after: &ResidualSummary) -
     )
 }
 
+/// Likelihood ratio of a model with an effect against one without it, and what chance reaches.
+fn likelihood_ratio(free: usize, [without, with]: [&ResidualSummary; 2]) -> [f64; 2] {
+    let statistic = 2.0 * with.effective_rows * (without.rms_mm / with.rms_mm).ln();
+    // The points of χ² at two standard errors are 4, 6.2, 8.0 and 9.7 for one to four free parameters.
+    [statistic, 2.0 + 2.0 * free as f64]
+}
+
+/// Whether what an effect of so many free parameters takes away is more than chance would.
+pub(super) fn needs(free: usize, left: [&ResidualSummary; 2]) -> bool {
+    let [statistic, by_chance] = likelihood_ratio(free, left);
+    statistic > by_chance
+}
+
 /// Whether a value lies more than two standard errors from where the effect vanishes.
-fn clear_of_nothing(spec: &EffectSpec, estimates: &[Estimate]) -> bool {
+pub(super) fn clear_of_nothing(spec: &EffectSpec, estimates: &[Estimate]) -> bool {
     let mut pairs = spec.parameters.iter().zip(estimates);
     pairs.any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error)
 }

@@ -5,13 +5,14 @@ use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
 use super::gates::all_physical;
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
-use super::round::{REFIT_EVALUATIONS, Refit, Round, one_round};
+use super::revise::{better, needed};
+use super::round::{Round, one_round};
 use super::verdict::{ReasonCode, Verdict};
 use crate::demo::{Demo, SceneKind};
 use crate::effects;
 use crate::fit::{
     Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, estimates,
-    estimates_within, fit, fit_from, fit_from_first, grid_shift,
+    estimates_within, fit, fit_from, grid_shift,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -162,7 +163,11 @@ pub(super) struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    fn new(demos: &[&'a Demo], held_out: &[&'a Demo], options: &LoopOptions) -> Result<Self, FitError> {
+    pub(super) fn new(
+        demos: &[&'a Demo],
+        held_out: &[&'a Demo],
+        options: &LoopOptions,
+    ) -> Result<Self, FitError> {
         let (fit, held_out) = problems(demos, held_out, options)?;
         let mut finer = Problem::new(demos, options.finer)?;
         finer.frames = fit.frames;
@@ -381,11 +386,19 @@ fn all_rounds(
         if !at.rounds.is_empty() {
             keep(&at);
         }
-        let (round, found, slopes) = one_round(bench, &at.now, options, progress)?;
+        let (mut round, found, slopes) = one_round(bench, &at.now, options, progress)?;
+        let found = match found {
+            Found::Accepted(next) => {
+                let (next, dropped) = needed(bench, next, progress)?;
+                round.dropped = dropped;
+                Found::Accepted(next)
+            }
+            other => other,
+        };
         match (found, at.on_trial_since.take()) {
             (Found::Accepted(next), None) => at.now = next,
             (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &at.rounds) => {
-                if let Some(trial) = at.rounds.last_mut() {
+                if let Some(trial) = at.rounds.last_mut().filter(|_| round.dropped.is_empty()) {
                     trial.accepted = at.now.last_effect();
                 }
                 at.now = next;
@@ -407,60 +420,6 @@ fn all_rounds(
     }
     let last = at.on_trial_since.unwrap_or(at.now);
     Ok((better(bench, last, &at.rounds, progress)?, at.rounds, library))
-}
-
-/// The model that a loop ended with, fitted again where refits with one more effect came upon a better fit of it: along
-/// a valley, as of a cable's stiffness and end mass, a descent may end early, and an effect that then turns out to be
-/// next to nothing only gave it another start. No gate is asked again: the model explains more than when it passed them.
-fn better(
-    bench: &Bench,
-    last: Standing,
-    rounds: &[Round],
-    progress: &dyn Fn(&str),
-) -> Result<Standing, FitError> {
-    let starts = better_starts(&last, rounds);
-    if starts.is_empty() {
-        return Ok(last);
-    }
-    progress("asking whether the model fits better where refits left less");
-    let again = fit_from_first(
-        &bench.fit,
-        &last.structure,
-        starts,
-        last.fitted.cost,
-        REFIT_EVALUATIONS,
-    );
-    let Some(again) = again.ok().filter(|again| again.cost < last.fitted.cost) else {
-        return Ok(last);
-    };
-    let held = bench.held_out.residuals(&last.structure, &again.best.theta)?;
-    let held = ResidualSummary::of(&held);
-    let physical = all_physical(&last.structure, &estimates(&again.best, &last.structure));
-    if !physical || held.rms_mm > last.held.rms_mm {
-        return Ok(last);
-    }
-    Ok(Standing {
-        held,
-        fitted: again,
-        ..last
-    })
-}
-
-/// Parameters of a model in the refits of it with one more effect that leave less than it does, least first.
-fn better_starts(last: &Standing, rounds: &[Round]) -> Vec<Vec<f64>> {
-    /// A start costs an evaluation at least.
-    const MOST: usize = 3;
-    let left_mm = ResidualSummary::of(&last.fitted.best).rms_mm;
-    // Refits of a round that accepted an effect are of the model before.
-    let of_it = rounds.last().filter(|round| round.known == last.structure.ids());
-    let refits = of_it.map_or(&[][..], |round| &round.refits);
-    let mut less: Vec<&Refit> = refits.iter().filter(|refit| refit.fit.rms_mm < left_mm).collect();
-    less.sort_by(|a, b| a.fit.rms_mm.total_cmp(&b.fit.rms_mm));
-    let own = last.structure.parameters().len();
-    less.iter()
-        .take(MOST)
-        .map(|refit| refit.theta[..own].to_vec())
-        .collect()
 }
 
 impl SoFar {
@@ -516,62 +475,5 @@ impl Bench<'_> {
     /// The evaluation at a known optimum, with the noise as it is set now.
     pub(super) fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
         fit_from(&self.fit, structure, theta.to_vec(), 1)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::conclude::tests::fitted;
-    use super::*;
-    use crate::diagnose::ScoreTable;
-
-    /// A model that leaves `rms_mm` everywhere.
-    fn standing(ids: &[&str], rms_mm: f64) -> Standing {
-        let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
-        let fitted = fitted(&structure, 1e-3 * rms_mm);
-        Standing {
-            held: ResidualSummary::of(&fitted.best),
-            fitted,
-            structure,
-            rivals: Vec::new(),
-        }
-    }
-
-    fn refit(theta: &[f64], rms_mm: f64) -> Refit {
-        let left = standing(&[], rms_mm).held;
-        Refit {
-            id: "tilted_gravity".into(),
-            parameters: Vec::new(),
-            theta: theta.to_vec(),
-            fit: left.clone(),
-            held_out: left,
-            gates: Vec::new(),
-            passed: false,
-        }
-    }
-
-    /// Seen on a cable: a model left 4.90 mm, and with a table that leans by 1e-4 rad 4.41 mm. Where the last round
-    /// accepted an effect, what follows a refit's own parameters there is another effect's.
-    #[test]
-    fn refits_that_leave_less_show_where_the_model_fits_better() {
-        let refits = vec![
-            refit(&[16.0, 0.3, 0.1, 0.0, 0.0], 4.90),
-            refit(&[16.3, 0.3, 0.2, 1.0], 4.49),
-            refit(&[16.4, 0.3, 0.25, -1e-4, 0.0], 4.41),
-        ];
-        let round = |known: &[&str]| Round {
-            known: known.iter().map(ToString::to_string).collect(),
-            table: ScoreTable {
-                scores: Vec::new(),
-                discretisation_mm: 0.0,
-                untested: Vec::new(),
-            },
-            refits: refits.clone(),
-            accepted: None,
-        };
-        let starts = |left_mm, known| better_starts(&standing(&["tip_mass"], left_mm), &[round(known)]);
-        assert_eq!(starts(4.90, &["tip_mass"]), [[16.4, 0.3, 0.25], [16.3, 0.3, 0.2]]);
-        assert!(starts(4.40, &["tip_mass"]).is_empty());
-        assert!(starts(4.90, &[]).is_empty(), "refits of the model before");
     }
 }

@@ -215,7 +215,7 @@ impl<'a> Problem<'a> {
         structure: &Structure,
         theta: &[f64],
     ) -> Result<Evaluation, FitError> {
-        self.evaluation(theta, &self.traces(structure, theta)?)
+        self.evaluation(structure, theta, &self.traces(structure, theta)?)
     }
 
     /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values. Columns of what
@@ -257,7 +257,7 @@ impl<'a> Problem<'a> {
                 .collect();
         }
         let theta: Vec<f64> = kept.iter().map(|&k| wide_theta[k]).collect();
-        let mut evaluation = self.evaluation(&theta, &traces)?;
+        let mut evaluation = self.evaluation(&tested, &theta, &traces)?;
         let unseen = self.out_of_plane(&tested, &evaluation).into_iter().enumerate();
         for (k, _) in unseen.filter(|(_, unseen)| *unseen) {
             evaluation.jacobian.column_mut(k).fill(0.0);
@@ -270,9 +270,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Which entries of θ move a rope only out of the plane in which it was seen. A fit leaves them where they are, and
-    /// no score asks for them: to second order they would stand in for whatever shortens the rope there. Slopes alone
-    /// do not tell which: they are none in the plane only, and a cable that had left it by little had a camera turned
-    /// by 0.16 rad about the vertical in the end. A rope that was rolled bends in other planes than its kinds say.
+    /// no score asks for them: to second order they would stand in for whatever shortens the rope there.
     pub fn out_of_plane(&self, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
         /// Change of a row over the whole range of a parameter, in standard errors, that is none.
         const NONE: f64 = 0.1;
@@ -280,27 +278,41 @@ impl<'a> Problem<'a> {
         if !self.demos.iter().all(|demo| demo.spec.planar) {
             return vec![false; info.len()];
         }
-        let rolled = self.demos.iter().any(|demo| demo.spec.rope.roll_rad != 0.0);
         let jacobian = evaluation.whitened_jacobian();
         let moves = |k: usize, p: &ParameterInfo| jacobian.column(k).amax() * (p.high - p.low) > NONE;
         let entries = info.iter().enumerate();
-        entries
-            .map(|(k, p)| (p.sideways && !rolled) || !moves(k, p))
-            .collect()
+        entries.map(|(k, p)| !moves(k, p)).collect()
+    }
+
+    /// Whether a demonstration tells nothing of an entry of θ, by its kind. Slopes alone do not say so: they are none in
+    /// the plane only, and a cable that had left it by little had a camera turned by 0.16 rad about the vertical in the
+    /// end. A rope that was rolled bends in other planes than its kinds say.
+    fn says_nothing_of(&self, d: usize, entry: &ParameterInfo) -> bool {
+        let spec = &self.demos[d].spec;
+        entry.sideways && spec.planar && spec.rope.roll_rad == 0.0
     }
 
     /// What the cameras saw against what is predicted, with slopes.
-    fn evaluation(&self, theta: &[f64], traces: &[Trace]) -> Result<Evaluation, FitError> {
+    fn evaluation(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+        traces: &[Trace],
+    ) -> Result<Evaluation, FitError> {
         let rows: Vec<Vec<Row>> = (0..self.demos.len())
             .into_par_iter()
             .map(|d| self.rows_of(d, &traces[d].arc_m, &traces[d].frames))
             .collect::<Result<_, _>>()?;
         let mut jacobian = DMatrix::zeros(rows.iter().map(Vec::len).sum(), theta.len());
         let mut row_index = 0;
-        for (rows, trace) in rows.iter().zip(traces) {
+        let entries = structure.parameters();
+        for (d, (rows, trace)) in rows.iter().zip(traces).enumerate() {
+            let told: Vec<usize> = (0..theta.len())
+                .filter(|&k| !self.says_nothing_of(d, &entries[k]))
+                .collect();
             for row in rows {
                 let place = bracket(&trace.arc_m, row.arc_m);
-                for k in 0..theta.len() {
+                for &k in &told {
                     jacobian[(row_index, k)] = row.along(&trace.slopes[k][row.frame], place);
                 }
                 row_index += 1;

@@ -29,13 +29,13 @@ pub(super) fn section(rounds: &[Round]) -> Markup {
 }
 
 /// Every effect that no round accepted, with the reason: the last round in which it was refitted and
-/// passed counts most, because later rounds hold what it ties with.
+/// passed counts most, because later rounds hold what it ties with. Then those that were accepted and dropped.
 pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
     let Some(last) = rounds.last() else {
         return Vec::new();
     };
     let open = last.table.scores.iter().filter(|s| !is_accepted(last, &s.id));
-    open.map(|score| {
+    let open = open.map(|score| {
         let passed = |round: &Round| refit(round, &score.id).is_some_and(|refit| refit.passed);
         let (number, round) = match rounds.iter().enumerate().rfind(|(_, round)| passed(round)) {
             Some(found) => found,
@@ -44,8 +44,18 @@ pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
         let own = round.table.scores.iter().find(|one| one.id == score.id);
         let why = reason(round, own.unwrap_or(score));
         (score.id.clone(), format!("in round {}, {why}", number + 1))
-    })
-    .collect()
+    });
+    let of_last = |id: &String| last.table.scores.iter().any(|score| score.id == *id);
+    let dropped = rounds.iter().enumerate().flat_map(|(number, round)| {
+        let gone = round.dropped.iter().filter(|id| !of_last(id));
+        gone.map(move |id| {
+            (
+                id.clone(),
+                format!("accepted before round {0}, needless after it", number + 1),
+            )
+        })
+    });
+    open.chain(dropped).collect()
 }
 
 /// Effects that the last round could not try.
@@ -102,6 +112,9 @@ fn ranking(round: &Round) -> Markup {
                 "was taken along for one round more, and accepted with what that round found, because both together "
                 "leave next to nothing."
             }
+        }
+        @for id in &round.dropped {
+            p { (effect_title(id)) " was accepted before and is not needed any more: without it the model fits as well." }
         }
         p.quiet {
             "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "

@@ -145,6 +145,7 @@ fn round() -> Round {
             passed: false,
         }],
         accepted: None,
+        dropped: Vec::new(),
     }
 }
 
@@ -326,6 +327,27 @@ fn an_effect_that_passed_only_in_company_is_said_to_have() {
     let told = ["accepted, in company", "No effect passed alone"];
     assert!(told.iter().all(|words| page(true).contains(words)));
     assert!(told.iter().all(|words| !page(false).contains(words)));
+}
+
+#[test]
+fn an_effect_that_another_replaced_is_said_to_be_dropped() {
+    let mut first = round();
+    first.accepted = Some("yield".into());
+    let mut second = round();
+    (second.accepted, second.dropped) = (Some("tip_mass".into()), vec!["yield".into()]);
+    second.table.scores.retain(|score| score.id != "yield");
+    let rounds = [first, second];
+    assert!(
+        ranking::section(&rounds)
+            .into_string()
+            .contains("is not needed any more")
+    );
+    let open = ranking::not_accepted(&rounds);
+    let reason = open
+        .iter()
+        .find(|(id, _)| id == "yield")
+        .map(|(_, why)| why.as_str());
+    assert_eq!(reason, Some("accepted before round 2, needless after it"));
 }
 
 #[test]
