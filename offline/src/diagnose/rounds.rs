@@ -374,6 +374,8 @@ struct SoFar {
 /// Two causes can hide each other: what one leaves makes the likelihood of the other say little, and frames that are
 /// held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
 /// round more. Both are accepted where they explain it together, and neither otherwise.
+///
+/// Effects that are not needed any more go, and still the rounds end: each takes away its share of the excess.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,
@@ -398,8 +400,9 @@ fn all_rounds(
         match (found, at.on_trial_since.take()) {
             (Found::Accepted(next), None) => at.now = next,
             (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &at.rounds) => {
-                if let Some(trial) = at.rounds.last_mut().filter(|_| round.dropped.is_empty()) {
-                    trial.accepted = at.now.last_effect();
+                let stays = |id: &String| !round.dropped.contains(id);
+                if let Some(trial) = at.rounds.last_mut() {
+                    trial.accepted = at.now.last_effect().filter(stays);
                 }
                 at.now = next;
             }
