@@ -67,14 +67,7 @@ pub(super) fn statistical_gates(
     let removed = excess_removed(fit_before, &refit.fit, 0.0);
     let held_removed = excess_removed(held_before, &refit.held_out, 0.0);
     vec![
-        Gate::new(
-            "significant",
-            score.significant(),
-            format!(
-                "score {:.0}, pseudo-data without effect reach {:.0}",
-                score.statistic, score.threshold
-            ),
-        ),
+        significant(score, fit_before, &refit.fit),
         Gate::new(
             "held-out gain",
             held_gain >= options.smallest_gain,
@@ -115,6 +108,21 @@ pub(super) fn statistical_gates(
     ]
 }
 
+/// What the effect takes away must be more than it could of data without any: to first order, by its score, or in full,
+/// by its refit, which counts only offsets that are independent in what the poorer of both fits leaves.
+fn significant(score: &Score, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
+    let rows = before.effective_rows.min(after.effective_rows);
+    let in_full = rows * (taken_away_mm(before, after) / before.floor_mm).powi(2);
+    Gate::new(
+        "significant",
+        score.significant() || in_full > score.threshold,
+        format!(
+            "score {:.0}, refit {in_full:.0}, pseudo-data without effect reach {:.0}",
+            score.statistic, score.threshold
+        ),
+    )
+}
+
 const OFF_NOTHING: &str = "off nothing";
 const HELD_OUT_SHARE: &str = "explained share, held out";
 
@@ -128,14 +136,16 @@ pub(super) fn pass_in_company(gates: &[Gate]) -> bool {
 /// Whether every effect of a model has a physical value, and those before the last, which has passed its own gates, one
 /// that is not nothing.
 pub(super) fn all_physical(structure: &Structure, all: &[Estimate]) -> bool {
-    let mut rest = &all[Structure::default().parameters().len()..];
-    let last = structure.effects.len().saturating_sub(1);
-    structure.effects.iter().enumerate().all(|(place, &effect)| {
-        let spec = &effects::ALL[effect];
-        let (own, others) = rest.split_at(spec.parameters.len());
-        rest = others;
-        physical_value(spec, own).passed && (place == last || clear_of_nothing(spec, own))
-    })
+    let earlier = structure.effects.split_last().map_or(&[][..], |(_, e)| e);
+    let clear = |&effect: &usize| clear_of_nothing(&effects::ALL[effect], &all[structure.entries(effect)]);
+    within_ranges(structure, all) && earlier.iter().all(clear)
+}
+
+/// Whether every effect of a model has a value inside its physical range.
+pub(super) fn within_ranges(structure: &Structure, all: &[Estimate]) -> bool {
+    let within =
+        |&effect: &usize| physical_value(&effects::ALL[effect], &all[structure.entries(effect)]).passed;
+    structure.effects.iter().all(within)
 }
 
 /// The value must lie inside its physical range.

@@ -1,7 +1,7 @@
 //! Second thoughts on a model: whether it needs all of its effects, and whether it fits better elsewhere.
 
 use super::choice::Standing;
-use super::gates::{all_physical, clear_of_nothing, needs};
+use super::gates::{all_physical, clear_of_nothing, needs, within_ranges};
 use super::round::{REFIT_EVALUATIONS, Refit, Round};
 use super::rounds::Bench;
 use crate::effects;
@@ -9,28 +9,28 @@ use crate::fit::{FitError, estimates, fit_from, fit_from_first};
 use crate::residual::ResidualSummary;
 
 /// A model that was just extended, without those of its earlier effects that it needs no more, and their names: what an
-/// effect took away in place of another it leaves to that one once it is there. Where the last effect has rivals nothing
-/// is dropped, because those were judged in the same company.
-///
-/// # Errors
-/// The smaller model cannot be simulated where the loop judges.
+/// effect took away in place of another it leaves to that one once it is there. What remains costs less than the model
+/// `before`, so that no round undoes another. Where the last effect has rivals nothing is dropped, because those were
+/// judged in the same company.
 pub(super) fn needed(
     bench: &Bench,
+    before: &Standing,
     mut model: Standing,
     progress: &dyn Fn(&str),
-) -> Result<(Standing, Vec<String>), FitError> {
+) -> (Standing, Vec<String>) {
     let mut dropped = Vec::new();
     for effect in doubtful(&model) {
         let id = effects::ALL[effect].id;
         progress(&format!("asking whether {id} is still needed"));
-        let Some(smaller) = without(bench, &model, effect)? else {
+        let smaller = without(bench, &model, effect);
+        let Some(smaller) = smaller.filter(|smaller| smaller.fitted.cost < before.fitted.cost) else {
             continue;
         };
         progress(&format!("{id} is not needed any more"));
         dropped.push(id.to_owned());
         model = smaller;
     }
-    Ok((model, dropped))
+    (model, dropped)
 }
 
 /// Effects before the last that may be nothing.
@@ -47,27 +47,26 @@ fn doubtful(model: &Standing) -> Vec<usize> {
     nothing.copied().collect()
 }
 
-/// The model without an effect, where it is no worse than chance lets it be.
-fn without(bench: &Bench, model: &Standing, effect: usize) -> Result<Option<Standing>, FitError> {
+/// The model without an effect, where it is no worse than chance lets it be and its other effects keep physical values.
+fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
     let entries = model.structure.entries(effect);
     let mut theta = model.fitted.best.theta.clone();
     theta.drain(entries.clone());
     let structure = model.structure.without(effect);
-    let Ok(fitted) = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS) else {
-        return Ok(None);
-    };
+    let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).ok()?;
+    let held = bench.held_out.residuals(&structure, &fitted.best.theta).ok()?;
+    let held = ResidualSummary::of(&held);
     let held_now = bench.fit.out_of_plane(&model.structure, &model.fitted.best);
     let free = held_now[entries].iter().filter(|&&held| !held).count();
-    let held = bench.held_out.residuals(&structure, &fitted.best.theta)?;
-    let held = ResidualSummary::of(&held);
     let [smaller, larger] = [&fitted, &model.fitted].map(|fit| ResidualSummary::of(&fit.best));
     let worse = needs(free, [&smaller, &larger]) || needs(free, [&held, &model.held]);
-    Ok((!worse).then(|| Standing {
+    let physical = within_ranges(&structure, &estimates(&fitted.best, &structure));
+    (physical && !worse).then(|| Standing {
         structure,
         fitted,
         held,
         rivals: Vec::new(),
-    }))
+    })
 }
 
 /// The model that a loop ended with, fitted again where refits with one more effect came upon a better fit of it: along
@@ -215,7 +214,14 @@ mod tests {
             structure,
             rivals: Vec::new(),
         };
-        let (model, dropped) = needed(&bench, model, &|_| ()).unwrap();
+        let base = fit_from(&bench.fit, &Structure::default(), vec![young_pa.ln(), 0.3], 12).unwrap();
+        let before = Standing {
+            held: ResidualSummary::of(&base.best),
+            fitted: base,
+            structure: Structure::default(),
+            rivals: Vec::new(),
+        };
+        let (model, dropped) = needed(&bench, &before, model, &|_| ());
         assert_eq!(model.structure.effects.len() + dropped.len(), 2);
         model.structure.ids()
     }

@@ -58,6 +58,8 @@ pub(super) const REFIT_EVALUATIONS: usize = 24;
 const HEAT_EVALUATIONS: usize = 8;
 /// Cost over the least of its rivals at which a refit is given up.
 const HOPELESS: f64 = 2.0;
+/// Cost over the least of its rivals up to which a refit whose evaluations are spent goes on beside the best.
+const NEAR_THE_BEST: f64 = 1.5;
 /// Evaluations after which only [`GO_ON`] of the effects with lesser scores go on.
 const SPRINT_EVALUATIONS: usize = 3;
 /// How many of them go on: those of least cost.
@@ -113,8 +115,8 @@ pub(super) fn one_round(
 
 /// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
 /// those that look like it to first order are among the first. The score holds to first order only: where the base model
-/// is far off, the cause may well be tenth. Where nothing passes, it may even have a slight score: damping that only a
-/// slope at zero makes strong had thirteen times that of a density gradient of 0.8, which was the cause.
+/// is far off, the cause may well be tenth. Where nothing passes in the first round, it may even have a slight score:
+/// damping that only a slope at zero makes strong had thirteen times that of a density gradient of 0.8, the cause.
 fn refit_leading(
     bench: &Bench,
     structure: &Structure,
@@ -125,7 +127,7 @@ fn refit_leading(
 ) -> Vec<Tried> {
     let now = ResidualSummary::of(&fitted.best);
     let batches = leading(table, options.refits);
-    if batches[0].is_empty() {
+    if batches.iter().all(Vec::is_empty) {
         progress("refitting with nothing: no effect is significant");
     }
     let mut tried: Vec<Tried> = Vec::new();
@@ -136,7 +138,8 @@ fn refit_leading(
     for (number, batch) in batches.iter().enumerate() {
         let last = number + 1 == batches.len();
         let enough = |tried: &Tried| if last { passed(tried) } else { explained(tried) };
-        if tried.iter().any(enough) {
+        // A model that has an effect already is near enough for scores to be right about the others.
+        if tried.iter().any(enough) || (last && !structure.effects.is_empty()) {
             break;
         }
         if batch.is_empty() {
@@ -206,9 +209,9 @@ fn from_elsewhere(
 }
 
 /// Effects worth a full refit. First the best `count`, the whole family of the best, because only refits can
-/// tell its members apart, and whatever the other scores hold to be free; then the others, best first; then those of
-/// slight score. What flows is never among the best: its refit takes up to four times as long, and its score, a
-/// secant's, says the least.
+/// tell its members apart, and whatever the other scores hold to be free; then the others, best first; then all of
+/// slight score, where anything is significant: not to try one of those that are alike would name the other. What flows
+/// is never among the best: its refit takes up to four times as long, and its score, a secant's, says the least.
 fn leading(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
     let nuisance = |s: &Score| effects::ALL[s.effect()].nuisance;
     let best = table
@@ -216,9 +219,11 @@ fn leading(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
         .iter()
         .find(|s| !nuisance(s))
         .map_or(0.0, |s| s.statistic);
-    let significant = table.scores.iter().filter(|s| s.significant());
-    let (all, slight): (Vec<&Score>, Vec<&Score>) =
-        significant.partition(|s| s.statistic >= LEAST_SHARE * best);
+    let worth = |s: &Score| s.significant() && s.statistic >= LEAST_SHARE * best;
+    let (all, slight): (Vec<&Score>, Vec<&Score>) = table.scores.iter().partition(|s| worth(s));
+    let any = table.scores.iter().any(Score::significant);
+    let slight = slight.into_iter().filter(|s| any && s.statistic > 0.0);
+    let slight = slight.collect();
     let ranked = all
         .iter()
         .copied()
@@ -370,20 +375,23 @@ fn to_the_end(bench: &Bench, structure: &Structure, fit: FitResult, least: f64) 
     further(bench, structure, fit, budget)
 }
 
-/// The best of some refits goes on until it comes to rest: along the narrow valley of stiffness and yield a descent takes
-/// thirty evaluations, and what it has not yet come to looks as if the effect did not explain it.
+/// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
+/// valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect did not
+/// explain it.
 fn best_to_rest<'a>(
     bench: &Bench,
     structure: &Structure,
-    mut fits: Vec<(&'a Score, FitResult)>,
+    fits: Vec<(&'a Score, FitResult)>,
 ) -> Vec<(&'a Score, FitResult)> {
-    let best = (0..fits.len()).min_by(|&a, &b| fits[a].1.cost.total_cmp(&fits[b].1.cost));
-    if let Some(best) = best {
-        let (score, fit) = fits.swap_remove(best);
+    let least = fits.iter().map(|fit| fit.1.cost).fold(f64::INFINITY, f64::min);
+    let go_on = |(score, fit): (&'a Score, FitResult)| {
+        if fit.cost > NEAR_THE_BEST * least {
+            return (score, fit);
+        }
         let next = structure.with(score.effect());
-        fits.push((score, further(bench, &next, fit, REFIT_EVALUATIONS.into())));
-    }
-    fits
+        (score, further(bench, &next, fit, REFIT_EVALUATIONS.into()))
+    };
+    fits.into_par_iter().map(go_on).collect()
 }
 
 /// More evaluations for a fit that could not end with those that it had.
@@ -447,7 +455,7 @@ mod tests {
 
     /// Seen on a rope with a tip mass: drag and friction had the better scores, and nothing else was refitted.
     #[test]
-    fn every_significant_effect_gets_its_refit_the_best_and_its_family_first() {
+    fn every_effect_gets_its_refit_the_best_and_its_family_first() {
         let table = table(vec![
             score("yield", 2300.0, 25.0, &[]),
             score("air_drag", 2263.0, 81.0, &["density_gradient"]),
@@ -464,7 +472,7 @@ mod tests {
             ["air_drag", "table_friction", "density_gradient", "camera_offset"]
         );
         assert_eq!(names(&others), ["yield", "tip_mass"]);
-        assert_eq!(names(&slight), ["bending_ratio"]);
+        assert_eq!(names(&slight), ["internal_damping", "bending_ratio"]);
     }
 
     /// Seen on a cable that is bent where it rests: nothing but the cameras' place was refitted.

@@ -374,8 +374,6 @@ struct SoFar {
 /// Two causes can hide each other: what one leaves makes the likelihood of the other say little, and frames that are
 /// held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
 /// round more. Both are accepted where they explain it together, and neither otherwise.
-///
-/// Effects that are not needed any more go, and still the rounds end: each takes away its share of the excess.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,
@@ -391,7 +389,7 @@ fn all_rounds(
         let (mut round, found, slopes) = one_round(bench, &at.now, options, progress)?;
         let found = match found {
             Found::Accepted(next) => {
-                let (next, dropped) = needed(bench, next, progress)?;
+                let (next, dropped) = needed(bench, &at.now, next, progress);
                 round.dropped = dropped;
                 Found::Accepted(next)
             }

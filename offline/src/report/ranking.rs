@@ -4,6 +4,7 @@ use super::page::{effect_title, significant, unit, with_error, without_unit};
 use crate::diagnose::{Refit, Round, Score, Untested};
 use crate::effects::{self, ParameterSpec};
 use maud::{Markup, html};
+use std::collections::BTreeMap;
 
 pub(super) fn section(rounds: &[Round]) -> Markup {
     html! {
@@ -28,13 +29,18 @@ pub(super) fn section(rounds: &[Round]) -> Markup {
     }
 }
 
-/// Every effect that no round accepted, with the reason: the last round in which it was refitted and
-/// passed counts most, because later rounds hold what it ties with. Then those that were accepted and dropped.
+/// Every effect that is not in the model, with the reason: for one that was dropped that it was, else the last round in
+/// which it was refitted and passed counts most, because later rounds hold what it ties with.
 pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
     let Some(last) = rounds.last() else {
         return Vec::new();
     };
-    let open = last.table.scores.iter().filter(|s| !is_accepted(last, &s.id));
+    let gone = dropped(rounds);
+    let open = last
+        .table
+        .scores
+        .iter()
+        .filter(|s| !is_accepted(last, &s.id) && gone.iter().all(|(id, _)| *id != s.id));
     let open = open.map(|score| {
         let passed = |round: &Round| refit(round, &score.id).is_some_and(|refit| refit.passed);
         let (number, round) = match rounds.iter().enumerate().rfind(|(_, round)| passed(round)) {
@@ -45,17 +51,20 @@ pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
         let why = reason(round, own.unwrap_or(score));
         (score.id.clone(), format!("in round {}, {why}", number + 1))
     });
-    let of_last = |id: &String| last.table.scores.iter().any(|score| score.id == *id);
-    let dropped = rounds.iter().enumerate().flat_map(|(number, round)| {
-        let gone = round.dropped.iter().filter(|id| !of_last(id));
-        gone.map(move |id| {
-            (
-                id.clone(),
-                format!("accepted before round {0}, needless after it", number + 1),
-            )
-        })
-    });
-    open.chain(dropped).collect()
+    let open: Vec<(String, String)> = open.collect();
+    open.into_iter().chain(gone).collect()
+}
+
+/// Effects that were dropped and did not come back, with the round that dropped them last.
+fn dropped(rounds: &[Round]) -> Vec<(String, String)> {
+    let mut gone: BTreeMap<&String, String> = BTreeMap::new();
+    for (number, round) in rounds.iter().enumerate() {
+        gone.retain(|id, _| !is_accepted(round, id));
+        let found = round.accepted.as_deref().map_or("it", effect_title);
+        let why = format!("dropped in round {}: beside {found} nothing needs it", number + 1);
+        gone.extend(round.dropped.iter().map(|id| (id, why.clone())));
+    }
+    gone.into_iter().map(|(id, why)| (id.clone(), why)).collect()
 }
 
 /// Effects that the last round could not try.
@@ -114,7 +123,10 @@ fn ranking(round: &Round) -> Markup {
             }
         }
         @for id in &round.dropped {
-            p { (effect_title(id)) " was accepted before and is not needed any more: without it the model fits as well." }
+            p {
+                b { (effect_title(id)) } " is dropped: beside what this round found, the model is no worse without it "
+                "than chance lets it be."
+            }
         }
         p.quiet {
             "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "

@@ -336,18 +336,23 @@ fn an_effect_that_another_replaced_is_said_to_be_dropped() {
     let mut second = round();
     (second.accepted, second.dropped) = (Some("tip_mass".into()), vec!["yield".into()]);
     second.table.scores.retain(|score| score.id != "yield");
-    let rounds = [first, second];
-    assert!(
-        ranking::section(&rounds)
-            .into_string()
-            .contains("is not needed any more")
-    );
-    let open = ranking::not_accepted(&rounds);
-    let reason = open
-        .iter()
-        .find(|(id, _)| id == "yield")
-        .map(|(_, why)| why.as_str());
-    assert_eq!(reason, Some("accepted before round 2, needless after it"));
+    let third = round();
+    let back = Round {
+        accepted: Some("yield".into()),
+        ..round()
+    };
+    let why = |rounds: &[&Round]| -> Vec<String> {
+        let rounds: Vec<Round> = rounds.iter().map(|&round| round.clone()).collect();
+        let open = ranking::not_accepted(&rounds);
+        let of_it = open.into_iter().filter(|(id, _)| id == "yield");
+        of_it.map(|(_, why)| why).collect()
+    };
+    let dropped = ["dropped in round 2: beside tip mass nothing needs it"];
+    assert_eq!(why(&[&first, &second]), dropped);
+    assert_eq!(why(&[&first, &second, &third]), dropped, "scored again");
+    assert!(why(&[&first, &second, &back]).is_empty(), "accepted again");
+    let page = ranking::section(&[first, second]).into_string();
+    assert!(page.contains("is dropped: beside what this round found"));
 }
 
 #[test]
