@@ -370,8 +370,8 @@ impl Controller {
     }
 
     /// From waiting to idle once the arm stands still: on from the last target when the arm is there,
-    /// else anew from the measured pose. In a cycle whose target is due, so that the first target is the
-    /// newest pose: an arm that moved between the two would be sent back to where it was.
+    /// else anew from the measured pose. In a cycle whose target is due, so that the first target of a new
+    /// stream is the newest pose: an arm that moved between the two would be sent back to where it was.
     fn begin_stream(&mut self) {
         let due = self.cycles_to_target == 1;
         let ready = due && matches!(self.mode, Mode::Waiting) && self.robot_at_rest();

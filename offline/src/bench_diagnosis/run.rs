@@ -260,7 +260,6 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
 
 fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
     let all = outcome.estimates();
-    let mut rest = all[2..].iter();
     let mut list = Vec::new();
     for &effect in &outcome.structure.effects {
         let spec = &effects::ALL[effect];
@@ -269,7 +268,8 @@ fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
             .iter()
             .find(|part| part.id == spec.id)
             .map(|p| &p.values);
-        for (k, (parameter, estimate)) in spec.parameters.iter().zip(&mut rest).enumerate() {
+        let own = &all[outcome.structure.entries(effect)];
+        for (k, (parameter, estimate)) in spec.parameters.iter().zip(own).enumerate() {
             let truth = true_values.map(|values| values[k]);
             list.push(Value {
                 name: estimate.name.clone(),

@@ -29,6 +29,20 @@ pub(super) struct Standing {
 }
 
 impl Standing {
+    /// A fitted model, judged where held out.
+    ///
+    /// # Errors
+    /// What is held out cannot be simulated.
+    pub(super) fn of(bench: &Bench, structure: Structure, fitted: FitResult) -> Result<Self, FitError> {
+        let held = bench.held_out.residuals(&structure, &fitted.best.theta)?;
+        Ok(Self {
+            held: ResidualSummary::of(&held),
+            structure,
+            fitted,
+            rivals: Vec::new(),
+        })
+    }
+
     /// Name of the effect that came last.
     pub(super) fn last_effect(&self) -> Option<String> {
         self.structure.effects.last().map(|&e| effects::ALL[e].id.into())
@@ -36,59 +50,77 @@ impl Standing {
 }
 
 /// What a round came to.
+#[derive(Default)]
 pub(super) enum Found {
     /// A model with one more effect that passed every gate.
     Accepted(Standing),
     /// The best of those that fail only because of what another cause that is missing beside them does.
     InCompany(Standing),
     /// Nothing.
+    #[default]
     Nothing,
 }
 
-/// Tries the finer grid on the refits that passed, likeliest first, and finds the winner and those that tie with it; all
-/// refits of the round come along.
-pub(super) fn choose(
-    bench: &Bench,
-    mut tried: Vec<Tried>,
-    now: &ResidualSummary,
-    options: &LoopOptions,
-    progress: &dyn Fn(&str),
-) -> Result<(Vec<Refit>, Found), FitError> {
-    let refined = options.without != Some(Part::Refinement);
-    sort_by_likelihood(&mut tried);
-    let mut refits = Vec::new();
-    let mut found = Found::Nothing;
-    for (mut refit, structure, fitted) in tried {
-        let first = !matches!(found, Found::Accepted(_));
-        if refined && first && refit.passed {
-            progress(&format!("checking {} on a finer grid", refit.id));
-            let gate = refine(bench, &structure, &fitted, now)?;
-            refit.passed &= gate.passed;
-            refit.gates.push(gate);
+/// What the refits of a round have come to so far.
+#[derive(Default)]
+pub(super) struct Choice {
+    /// All of them, the likelier first of those that were judged together.
+    pub(super) refits: Vec<Refit>,
+    /// The winner and those that tie with it.
+    pub(super) found: Found,
+}
+
+impl Choice {
+    /// Chooses among further refits of the model `now` where none was accepted before; the finer grid is tried on those
+    /// that passed, likeliest first.
+    pub(super) fn among(
+        &mut self,
+        bench: &Bench,
+        now: &Standing,
+        mut tried: Vec<Tried>,
+        options: &LoopOptions,
+        progress: &dyn Fn(&str),
+    ) -> Result<(), FitError> {
+        let refined = options.without != Some(Part::Refinement);
+        let left = ResidualSummary::of(&now.fitted.best);
+        sort_by_likelihood(&mut tried);
+        for (mut refit, structure, fitted) in tried {
+            let first = !matches!(self.found, Found::Accepted(_));
+            if refined && first && refit.passed {
+                progress(&format!("checking {} on a finer grid", refit.id));
+                let gate = refine(bench, &structure, &fitted, &left)?;
+                refit.passed &= gate.passed;
+                refit.gates.push(gate);
+            }
+            let standing = Standing {
+                structure,
+                fitted,
+                held: refit.held_out.clone(),
+                rivals: Vec::new(),
+            };
+            self.consider(&refit, standing);
+            self.refits.push(refit);
         }
-        let standing = Standing {
-            structure,
-            fitted,
-            held: refit.held_out.clone(),
-            rivals: Vec::new(),
-        };
-        match &mut found {
-            Found::Accepted(best) if refit.passed && ties(&best.fitted, &standing.fitted) => {
+        Ok(())
+    }
+
+    /// Takes a model for the winner, or for one that ties with it, if it is.
+    fn consider(&mut self, refit: &Refit, model: Standing) {
+        match &mut self.found {
+            Found::Accepted(best) if refit.passed && ties(&best.fitted, &model.fitted) => {
                 best.rivals.push(refit.id.clone());
             }
-            Found::Nothing | Found::InCompany(_) if refit.passed => found = Found::Accepted(standing),
-            Found::Nothing if pass_in_company(&refit.gates) => found = Found::InCompany(standing),
+            Found::Nothing | Found::InCompany(_) if refit.passed => self.found = Found::Accepted(model),
+            Found::Nothing if pass_in_company(&refit.gates) => self.found = Found::InCompany(model),
             // With another cause missing few offsets are independent, and the rig's care would decide alone.
             Found::InCompany(best)
-                if pass_in_company(&refit.gates) && standing.held.rms_mm < best.held.rms_mm =>
+                if pass_in_company(&refit.gates) && model.held.rms_mm < best.held.rms_mm =>
             {
-                *best = standing;
+                *best = model;
             }
             _ => {}
         }
-        refits.push(refit);
     }
-    Ok((refits, found))
 }
 
 /// Sorts refits by what they leave where held out and by how far off somebody must have set up the rig for them, both as
@@ -141,13 +173,13 @@ fn refine(
     let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
     let effect = structure.effects[structure.effects.len() - 1];
     let spec = &effects::ALL[effect];
-    let first = fitted.best.theta.len() - spec.parameters.len();
-    let own = fitted.best.jacobian.columns(first, spec.parameters.len());
+    let entries = structure.entries(effect);
+    let own = fitted.best.jacobian.columns(entries.start, entries.len());
     let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
-        let own = evaluation.theta[first..].iter().zip(spec.parameters);
-        DVector::from_iterator(spec.parameters.len(), own.map(|(t, p)| t - p.vanishes_at))
+        let own = evaluation.theta[entries.clone()].iter().zip(spec.parameters);
+        DVector::from_iterator(entries.len(), own.map(|(t, p)| t - p.vanishes_at))
     });
-    let errors: Vec<f64> = estimates(&fitted.best, structure)[first..]
+    let errors: Vec<f64> = estimates(&fitted.best, structure)[entries]
         .iter()
         .map(|e| e.standard_error)
         .collect();

@@ -195,6 +195,7 @@ pub(super) mod tests {
             stop: StopReason::Converged,
             evaluations: 1,
             ends: Vec::new(),
+            damping: 1e-3,
         }
     }
 

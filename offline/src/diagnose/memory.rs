@@ -6,7 +6,6 @@ use super::round::Round;
 use super::rounds::Bench;
 use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
 use crate::model::Structure;
-use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
 
 /// The loop before a further round.
@@ -69,11 +68,10 @@ impl KeptModel {
     /// The same model, evaluated once more.
     pub(super) fn again(&self, bench: &Bench) -> Result<Standing, FitError> {
         let structure = Structure::of_ids(&self.effects);
+        let fitted = bench.again(&structure, &self.theta)?;
         Ok(Standing {
-            fitted: bench.again(&structure, &self.theta)?,
-            held: ResidualSummary::of(&bench.held_out.residuals(&structure, &self.theta)?),
             rivals: self.rivals.clone(),
-            structure,
+            ..Standing::of(bench, structure, fitted)?
         })
     }
 }

@@ -13,6 +13,7 @@ mod gates;
 mod memory;
 mod next;
 mod noise;
+mod refits;
 mod revise;
 mod round;
 mod rounds;

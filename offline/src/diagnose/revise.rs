@@ -2,7 +2,8 @@
 
 use super::choice::Standing;
 use super::gates::{all_physical, clear_of_nothing, needs, within_ranges};
-use super::round::{REFIT_EVALUATIONS, Refit, Round};
+use super::refits::REFIT_EVALUATIONS;
+use super::round::{Refit, Round};
 use super::rounds::Bench;
 use crate::effects;
 use crate::fit::{FitError, estimates, fit_from, fit_from_first};
@@ -49,24 +50,18 @@ fn doubtful(model: &Standing) -> Vec<usize> {
 
 /// The model without an effect, where it is no worse than chance lets it be and its other effects keep physical values.
 fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
-    let entries = model.structure.entries(effect);
     let mut theta = model.fitted.best.theta.clone();
-    theta.drain(entries.clone());
+    theta.drain(model.structure.entries(effect));
     let structure = model.structure.without(effect);
     let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).ok()?;
-    let held = bench.held_out.residuals(&structure, &fitted.best.theta).ok()?;
-    let held = ResidualSummary::of(&held);
-    let held_now = bench.fit.out_of_plane(&model.structure, &model.fitted.best);
-    let free = held_now[entries].iter().filter(|&&held| !held).count();
-    let [smaller, larger] = [&fitted, &model.fitted].map(|fit| ResidualSummary::of(&fit.best));
-    let worse = needs(free, [&smaller, &larger]) || needs(free, [&held, &model.held]);
-    let physical = within_ranges(&structure, &estimates(&fitted.best, &structure));
-    (physical && !worse).then(|| Standing {
-        structure,
-        fitted,
-        held,
-        rivals: Vec::new(),
-    })
+    let without = Standing::of(bench, structure, fitted).ok()?;
+    let free = bench
+        .fit
+        .free_entries(&model.structure, &model.fitted.best, effect);
+    let [smaller, larger] = [&without, model].map(|of| ResidualSummary::of(&of.fitted.best));
+    let worse = needs(free, [&smaller, &larger]) || needs(free, [&without.held, &model.held]);
+    let values = estimates(&without.fitted.best, &without.structure);
+    (within_ranges(&without.structure, &values) && !worse).then_some(without)
 }
 
 /// The model that a loop ended with, fitted again where refits with one more effect came upon a better fit of it: along
@@ -93,16 +88,14 @@ pub(super) fn better(
     let Some(again) = again.ok().filter(|again| again.cost < last.fitted.cost) else {
         return Ok(last);
     };
-    let held = bench.held_out.residuals(&last.structure, &again.best.theta)?;
-    let held = ResidualSummary::of(&held);
-    let physical = all_physical(&last.structure, &estimates(&again.best, &last.structure));
-    if !physical || held.rms_mm > last.held.rms_mm {
+    let again = Standing::of(bench, last.structure.clone(), again)?;
+    let physical = all_physical(&again.structure, &estimates(&again.fitted.best, &again.structure));
+    if !physical || again.held.rms_mm > last.held.rms_mm {
         return Ok(last);
     }
     Ok(Standing {
-        held,
-        fitted: again,
-        ..last
+        rivals: last.rivals,
+        ..again
     })
 }
 
@@ -207,20 +200,9 @@ mod tests {
         let values = parts.iter().flat_map(|part| part.values.clone());
         let theta = [young_pa.ln(), 0.3].into_iter().chain(values).collect();
         let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).unwrap();
-        let held = bench.held_out.residuals(&structure, &fitted.best.theta).unwrap();
-        let model = Standing {
-            held: ResidualSummary::of(&held),
-            fitted,
-            structure,
-            rivals: Vec::new(),
-        };
+        let model = Standing::of(&bench, structure, fitted).unwrap();
         let base = fit_from(&bench.fit, &Structure::default(), vec![young_pa.ln(), 0.3], 12).unwrap();
-        let before = Standing {
-            held: ResidualSummary::of(&base.best),
-            fitted: base,
-            structure: Structure::default(),
-            rivals: Vec::new(),
-        };
+        let before = Standing::of(&bench, Structure::default(), base).unwrap();
         let (model, dropped) = needed(&bench, &before, model, &|_| ());
         assert_eq!(model.structure.effects.len() + dropped.len(), 2);
         model.structure.ids()

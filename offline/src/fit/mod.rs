@@ -15,6 +15,6 @@ pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use solver::{
-    Budget, FitOptions, FitResult, StopReason, descend, fit, fit_from, fit_from_first, fit_starts,
+    Budget, FitOptions, FitResult, StopReason, fit, fit_from, fit_from_first, fit_starts, resume,
 };
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -284,6 +284,15 @@ impl<'a> Problem<'a> {
         entries.map(|(k, p)| !moves(k, p)).collect()
     }
 
+    /// How many parameters of an effect a fit is free to change.
+    pub fn free_entries(&self, structure: &Structure, evaluation: &Evaluation, effect: usize) -> usize {
+        let held = self.out_of_plane(structure, evaluation);
+        held[structure.entries(effect)]
+            .iter()
+            .filter(|&&held| !held)
+            .count()
+    }
+
     /// Whether a demonstration tells nothing of an entry of θ, by its kind. Slopes alone do not say so: they are none in
     /// the plane only, and a cable that had left it by little had a camera turned by 0.16 rad about the vertical in the
     /// end. A rope that was rolled bends in other planes than its kinds say.

@@ -75,6 +75,23 @@ pub struct FitResult {
     pub evaluations: usize,
     /// ln E where each followed start ended, and its cost.
     pub ends: Vec<(f64, f64)>,
+    /// Damping with which the descent would go on.
+    pub damping: f64,
+}
+
+impl FitResult {
+    /// A descent before its first step.
+    fn at(start: Evaluation, info: &[ParameterInfo]) -> Self {
+        let cost = total_cost(&start, info);
+        Self {
+            ends: vec![(start.theta[0], cost)],
+            best: start,
+            cost,
+            stop: StopReason::BudgetSpent,
+            evaluations: 1,
+            damping: FIRST_DAMPING,
+        }
+    }
 }
 
 /// Fits from several starts and returns the best iterate of all.
@@ -166,6 +183,8 @@ const COST_NOISE: f64 = 3e-4;
 /// How many times what a step promises a whole descent may come down at most: rope is no linear thing, and descents
 /// of bench cells came down by up to 3.3 times the promise of their first step.
 const PROMISES: f64 = 4.0;
+/// Damping of a descent's first step.
+const FIRST_DAMPING: f64 = 1e-3;
 /// Damping up to which a step promises what an undamped one does.
 const LITTLE_DAMPING: f64 = 0.01;
 
@@ -194,7 +213,8 @@ pub(super) fn fit_holding(
     budget: impl Into<Budget>,
 ) -> Result<FitResult, FitError> {
     let (here, start) = problem.settled_and_evaluated(structure, &theta)?;
-    Ok(descend_holding(here, structure, (start, held), budget.into()))
+    let start = FitResult::at(start, &structure.parameters());
+    Ok(descend(here, structure, (start, held), budget.into()))
 }
 
 /// Descends from the first of some starts that costs less than `below`, or from the best of them where none does; returns
@@ -226,58 +246,78 @@ pub fn fit_from_first(
     Ok(descend_settled(here, structure, start, budget.into()))
 }
 
-/// Descends from an evaluation, which counts as the first; returns the best iterate.
-pub fn descend(problem: &Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
-    let here = problem.settled(structure, &start.theta);
+/// Goes on with a descent whose budget is spent, as if it had been larger by `more` evaluations; one that ended otherwise
+/// is at its end.
+pub fn resume(
+    problem: &Problem,
+    structure: &Structure,
+    fit: FitResult,
+    more: impl Into<Budget>,
+) -> FitResult {
+    if fit.stop != StopReason::BudgetSpent {
+        return fit;
+    }
+    let mut budget = more.into();
+    budget.evaluations += fit.evaluations;
+    let here = problem.settled(structure, &fit.best.theta);
     let here = here.unwrap_or_else(|_| problem.clone());
-    descend_settled(here, structure, start, budget)
+    let held = not_told(&here, structure, &fit.best);
+    descend(here, structure, (fit, held), budget)
 }
 
-/// The same for a problem that is settled at the start.
+/// Descends from an evaluation, which counts as the first, of a problem that is settled there.
 fn descend_settled(here: Problem, structure: &Structure, start: Evaluation, budget: Budget) -> FitResult {
     let held = not_told(&here, structure, &start);
-    descend_holding(here, structure, (start, held), budget)
+    let start = FitResult::at(start, &structure.parameters());
+    descend(here, structure, (start, held), budget)
 }
 
-/// The same with some entries of θ held at the start.
-fn descend_holding(
+/// Descends, with some entries of θ held, from where a fit has come to, in a problem that is settled there.
+fn descend(
     mut here: Problem,
     structure: &Structure,
-    (start, held): (Evaluation, Vec<bool>),
+    (mut fit, held): (FitResult, Vec<bool>),
     budget: Budget,
 ) -> FitResult {
     let info = structure.parameters();
-    let mut best = start;
-    let mut cost = total_cost(&best, &info);
-    let mut evaluations = 1;
-    let mut damping = 1e-3;
     let mut growth = 2.0;
-    let stop = loop {
-        if evaluations >= budget.evaluations {
+    fit.stop = loop {
+        if fit.evaluations >= budget.evaluations {
             break StopReason::BudgetSpent;
         }
-        let (hessian, gradient) = normal_equations(&best, &info);
-        let step = damped_step((&hessian, &gradient), damping, (&best.theta, &held), &info);
+        let (hessian, gradient) = normal_equations(&fit.best, &info);
+        let step = damped_step(
+            (&hessian, &gradient),
+            fit.damping,
+            (&fit.best.theta, &held),
+            &info,
+        );
         let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
-        let misfit = (2.0 * cost / nominal_rows(&best)).max(1.0);
+        let misfit = (2.0 * fit.cost / nominal_rows(&fit.best)).max(1.0);
         if is_small(&step, &hessian, misfit) || predicted < SMALL_DECREASE * misfit {
             break StopReason::Converged;
         }
-        if damping > 1e8 {
+        if fit.damping > 1e8 {
             break StopReason::Stalled;
         }
-        if damping < LITTLE_DAMPING && cost - PROMISES * predicted > budget.worth {
+        if fit.damping < LITTLE_DAMPING && fit.cost - PROMISES * predicted > budget.worth {
             break StopReason::GivenUp;
         }
-        let trial: Vec<f64> = best.theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
-        evaluations += 1;
+        let trial: Vec<f64> = fit
+            .best
+            .theta
+            .iter()
+            .zip(step.iter())
+            .map(|(t, s)| t + s)
+            .collect();
+        fit.evaluations += 1;
         let accepted = match here.settled_and_evaluated(structure, &trial) {
             Ok((there, next)) => {
                 let next_cost = total_cost(&next, &info);
-                let gain = (cost - next_cost) / predicted;
+                let gain = (fit.cost - next_cost) / predicted;
                 if gain > 0.0 {
-                    damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
-                    (best, cost, here) = (next, next_cost, there);
+                    fit.damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
+                    (fit.best, fit.cost, here) = (next, next_cost, there);
                 }
                 gain > 0.0
             }
@@ -286,20 +326,15 @@ fn descend_holding(
         };
         if accepted {
             growth = 2.0;
-        } else if predicted < COST_NOISE * cost {
+        } else if predicted < COST_NOISE * fit.cost {
             break StopReason::Stalled;
         } else {
-            damping *= growth;
+            fit.damping *= growth;
             growth *= 4.0;
         }
     };
-    FitResult {
-        ends: vec![(best.theta[0], cost)],
-        best,
-        cost,
-        stop,
-        evaluations,
-    }
+    fit.ends = vec![(fit.best.theta[0], fit.cost)];
+    fit
 }
 
 /// Mean square of the whitened offsets, with Huber's weights.

@@ -68,6 +68,7 @@ fn fitted(structure: &Structure, offset_m: f64) -> FitResult {
         stop: StopReason::Converged,
         evaluations: 1,
         ends: Vec::new(),
+        damping: 1e-3,
     }
 }
 

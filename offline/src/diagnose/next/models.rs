@@ -1,7 +1,7 @@
 //! The models that a diagnosis leaves open.
 
 use super::super::choice::{CARE_SIZES, ties};
-use super::super::round::REFIT_EVALUATIONS;
+use super::super::refits::REFIT_EVALUATIONS;
 use super::super::rounds::{LoopOptions, Outcome};
 use super::super::verdict::Verdict;
 use crate::demo::Demo;
