@@ -169,7 +169,7 @@ pub(super) mod tests {
     use super::super::score::ScoreTable;
     use super::*;
     use crate::effects;
-    use crate::fit::{StopReason, estimates};
+    use crate::fit::estimates;
     use nalgebra::DMatrix;
 
     /// A fit that leaves `rms_m` where the noise is 1 mm.
@@ -185,18 +185,12 @@ pub(super) mod tests {
         };
         let theta = structure.start(1e6);
         let rows: Vec<Row> = (0..100).map(row).collect();
-        FitResult {
-            best: Evaluation {
-                jacobian: DMatrix::from_element(rows.len(), theta.len(), 1e-3),
-                theta,
-                rows: vec![rows],
-            },
-            cost: 0.0,
-            stop: StopReason::Converged,
-            evaluations: 1,
-            ends: Vec::new(),
-            damping: 1e-3,
-        }
+        let evaluation = Evaluation {
+            jacobian: DMatrix::from_element(rows.len(), theta.len(), 1e-3),
+            theta,
+            rows: vec![rows],
+        };
+        FitResult::at(evaluation, &structure.parameters())
     }
 
     /// A round in which an effect was significant but failed its gates.

@@ -90,23 +90,29 @@ pub fn profiles(
     Ok(asked.par_iter().map(profile).collect())
 }
 
+impl Profile {
+    /// The interval in words, with numbers as `number` writes them.
+    pub fn in_words(&self, number: impl Fn(f64) -> String) -> String {
+        let words = match [self.low, self.high].map(|end| end.map(&number)) {
+            [Some(low), Some(high)] => format!("{low} to {high}"),
+            [Some(low), None] => format!("above {low}"),
+            [None, Some(high)] => format!("below {high}"),
+            [None, None] => "no end found".to_owned(),
+        };
+        let doubt = if self.better_elsewhere {
+            " (the value is of a local minimum)"
+        } else {
+            ""
+        };
+        words + doubt
+    }
+}
+
 impl std::fmt::Display for Profile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let unit = if self.unit == "1" {
-            ""
-        } else {
-            &format!(" {}", self.unit)
-        };
-        match (self.low, self.high) {
-            (Some(low), Some(high)) => write!(f, "{low:.4e} to {high:.4e}{unit}"),
-            (Some(low), None) => write!(f, "above {low:.4e}{unit}, no upper end was found"),
-            (None, Some(high)) => write!(f, "below {high:.4e}{unit}, no lower end was found"),
-            (None, None) => f.write_str("no end was found on either side"),
-        }?;
-        if self.better_elsewhere {
-            f.write_str(" (the estimate is of a local minimum: there are better fits on the way)")?;
-        }
-        Ok(())
+        let unit = if self.unit == "1" { "" } else { &self.unit };
+        let number = |end| format!("{end:.4e} {unit}").trim_end().to_owned();
+        f.write_str(&self.in_words(number))
     }
 }
 
@@ -257,4 +263,33 @@ fn between(inside: &Point, outside: Option<(f64, Option<f64>)>, farthest: f64) -
 fn likelihood_ratio(best: &Evaluation, other: &Evaluation) -> f64 {
     let [least, more] = [best, other].map(mean_square);
     Correlation::of(best).effective_rows(best.len()) * (more - least) / least.max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_says_where_it_ends_and_where_it_does_not() {
+        let profile = |low, high, better_elsewhere| Profile {
+            name: "young_pa".into(),
+            unit: "Pa".into(),
+            value: 1.25e6,
+            low,
+            high,
+            better_elsewhere,
+        };
+        let [low, high] = [Some(1.1e6), Some(1.4e6)];
+        assert_eq!(
+            profile(low, high, false).to_string(),
+            "1.1000e6 Pa to 1.4000e6 Pa"
+        );
+        assert_eq!(profile(low, None, false).to_string(), "above 1.1000e6 Pa");
+        assert_eq!(profile(None, None, false).to_string(), "no end found");
+        let in_mpa = |end: f64| format!("{:.1}", 1e-6 * end);
+        assert_eq!(
+            profile(None, high, true).in_words(in_mpa),
+            "below 1.4 (the value is of a local minimum)"
+        );
+    }
 }

@@ -81,7 +81,7 @@ pub struct FitResult {
 
 impl FitResult {
     /// A descent before its first step.
-    fn at(start: Evaluation, info: &[ParameterInfo]) -> Self {
+    pub(crate) fn at(start: Evaluation, info: &[ParameterInfo]) -> Self {
         let cost = total_cost(&start, info);
         Self {
             ends: vec![(start.theta[0], cost)],

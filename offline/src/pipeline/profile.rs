@@ -76,3 +76,63 @@ impl ProfileFile {
         self.key == other.key && self.effects == other.effects && self.theta == other.theta
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::Evaluation;
+    use crate::pipeline::Preset;
+    use nalgebra::DMatrix;
+
+    /// What is kept for a base fit at ln E = `ln_young` when nobody asks for intervals: no demonstration is there that
+    /// they could be found from.
+    fn kept_for(file: &Path, ln_young: f64, seed: u64) -> Vec<Profile> {
+        let inputs = Inputs {
+            name: "rope".into(),
+            demos: Vec::new(),
+            held_out: Vec::new(),
+            hashes: vec![7],
+            held_out_hashes: Vec::new(),
+        };
+        let structure = Structure::default();
+        let evaluation = Evaluation {
+            theta: vec![ln_young, 0.3],
+            rows: Vec::new(),
+            jacobian: DMatrix::zeros(0, 2),
+        };
+        let of = Profiled {
+            structure: &structure,
+            fitted: &FitResult::at(evaluation, &structure.parameters()),
+            estimates: &[],
+            grid_shift: &[],
+            noise_scale: None,
+        };
+        let settings = RunSettings::of(Preset::Quick, seed);
+        let wanted = ProfileFile {
+            key: inputs.key(&settings),
+            effects: Vec::new(),
+            theta: vec![14.0, 0.3],
+            profiles: vec![Profile {
+                name: "young_pa".into(),
+                unit: "Pa".into(),
+                value: 1.2e6,
+                low: Some(1.1e6),
+                high: None,
+                better_elsewhere: false,
+            }],
+        };
+        if !file.exists() {
+            write_whole(file, &serde_json::to_vec(&wanted).unwrap()).unwrap();
+        }
+        profile(&inputs, &settings, file, (&of, false), &|_| ()).unwrap()
+    }
+
+    #[test]
+    fn kept_intervals_are_told_again_for_the_same_fit_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("profile.json");
+        assert_eq!(kept_for(&file, 14.0, 1).len(), 1);
+        assert_eq!(kept_for(&file, 14.1, 1), [], "another fit");
+        assert_eq!(kept_for(&file, 14.0, 2), [], "other settings");
+    }
+}

@@ -123,18 +123,7 @@ pub(super) fn in_paper_units(estimate: &Estimate, density_kg_m3: Option<f64>) ->
 /// The 95 % interval of an estimate times a scale; none where nobody asked for it.
 pub(super) fn interval(estimate: &Estimate, scale: f64, profiles: &[Profile]) -> Option<String> {
     let profile = profiles.iter().find(|one| one.name == estimate.name)?;
-    let [low, high] = [profile.low, profile.high].map(|end| Some(significant(scale * end?)));
-    let words = match (low, high) {
-        (Some(low), Some(high)) => format!("{low} to {high}"),
-        (Some(low), None) => format!("above {low}"),
-        (None, Some(high)) => format!("below {high}"),
-        (None, None) => "no end found".to_owned(),
-    };
-    Some(if profile.better_elsewhere {
-        format!("{words} (the value is of a local minimum)")
-    } else {
-        words
-    })
+    Some(profile.in_words(|end| significant(scale * end)))
 }
 
 fn parameters(

@@ -9,7 +9,7 @@ use crate::diagnose::{
     SwingRisk, SwingRisks, TermShare, Verdict,
 };
 use crate::effects;
-use crate::fit::{self, Correlation, FitResult, StopReason};
+use crate::fit::{self, Correlation, FitResult};
 use crate::model::Structure;
 use crate::observe::Row;
 use crate::residual::{ResidualMap, ResidualSummary};
@@ -62,14 +62,7 @@ fn evaluation(structure: &Structure, offset_m: f64) -> fit::Evaluation {
 }
 
 fn fitted(structure: &Structure, offset_m: f64) -> FitResult {
-    FitResult {
-        best: evaluation(structure, offset_m),
-        cost: 1.0,
-        stop: StopReason::Converged,
-        evaluations: 1,
-        ends: Vec::new(),
-        damping: 1e-3,
-    }
+    FitResult::at(evaluation(structure, offset_m), &structure.parameters())
 }
 
 fn view(held_out: bool, mm: f64) -> DemoView {
