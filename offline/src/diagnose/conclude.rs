@@ -190,7 +190,7 @@ pub(super) mod tests {
             theta,
             rows: vec![rows],
         };
-        FitResult::at(evaluation, &structure.parameters())
+        FitResult::at(evaluation, structure)
     }
 
     /// A round in which an effect was significant but failed its gates.

@@ -7,9 +7,7 @@ use super::round::Refit;
 use super::rounds::{Bench, LoopOptions};
 use super::score::{Score, ScoreTable};
 use crate::effects;
-use crate::fit::{
-    Budget, FitError, FitResult, StopReason, estimates, fit_from, fit_from_first, flows, resume,
-};
+use crate::fit::{Budget, Descent, FitError, StopReason, estimates, flows};
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 
@@ -52,12 +50,12 @@ pub(super) struct Refits<'a> {
     options: &'a LoopOptions,
 }
 
-/// An effect and the fit with it.
-type Fitted<'a> = (&'a Score, FitResult);
+/// An effect and the descent with it.
+type Runner<'a> = (&'a Score, Descent<'a>);
 
 impl<'a> Refits<'a> {
     pub(super) fn new(
-        bench: &'a Bench,
+        bench: &'a Bench<'a>,
         now: &'a Standing,
         table: &'a ScoreTable,
         options: &'a LoopOptions,
@@ -114,20 +112,19 @@ impl<'a> Refits<'a> {
         }
         progress(&format!("refitting with {}", names(scores).join(", ")));
         let heats = self.heats(scores, (go_on, HOPELESS * least));
-        let least = heats.iter().map(|h| h.1.cost).fold(least, f64::min);
+        let least = heats.iter().map(|h| h.1.cost()).fold(least, f64::min);
         let ended = heats
             .into_par_iter()
-            .map(|(score, fit)| (score, self.to_the_end(score, fit, least)));
-        let mut tried: Vec<(&Score, Tried)> = self
-            .best_to_rest(ended.collect())
+            .map(|(score, descent)| (score, to_the_end(descent, least)));
+        let mut tried: Vec<(&Score, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
-            .filter_map(|(score, fit)| Some((score, self.judge(score, fit)?)))
+            .filter_map(|(score, descent)| Some((score, self.judge(score, descent)?)))
             .collect();
         if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
             tried.par_iter_mut().for_each(|(score, tried)| {
                 let better = self.from_elsewhere(score, [tried.2.cost, least]);
-                if let Some(better) = better.and_then(|fit| self.judge(score, fit)) {
+                if let Some(better) = better.and_then(|descent| self.judge(score, descent)) {
                     *tried = better;
                 }
             });
@@ -146,39 +143,39 @@ impl<'a> Refits<'a> {
 
     /// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them. A refit
     /// that does not promise to come down to the cost `worth` is given up.
-    fn heats(&self, batch: &[&'a Score], (go_on, worth): (usize, f64)) -> Vec<Fitted<'a>> {
+    fn heats(&self, batch: &[&'a Score], (go_on, worth): (usize, f64)) -> Vec<Runner<'a>> {
         let budget = |evaluations| Budget { evaluations, worth };
         let sprint = if batch.len() > go_on {
             budget(SPRINT_EVALUATIONS)
         } else {
             budget(HEAT_EVALUATIONS)
         };
-        let mut runners: Vec<Fitted> = batch
+        let mut runners: Vec<Runner> = batch
             .par_iter()
             .filter_map(|score| Some((*score, self.started(score, sprint).ok()?)))
             .collect();
         if batch.len() <= go_on {
             return runners;
         }
-        runners.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+        runners.sort_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
         let behind = runners.split_off(go_on.min(runners.len()));
-        let more = budget(HEAT_EVALUATIONS - SPRINT_EVALUATIONS);
         let ahead = runners
             .into_par_iter()
-            .map(|(score, fit)| (score, self.resume(score, fit, more)));
-        let mut heats: Vec<Fitted> = ahead.collect();
+            .map(|(score, descent)| (score, descent.run(budget(HEAT_EVALUATIONS))));
+        let mut heats: Vec<Runner> = ahead.collect();
         heats.extend(behind);
         heats
     }
 
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
     /// nothing; at worst from the model as it stands.
-    fn started(&self, score: &Score, budget: Budget) -> Result<FitResult, FitError> {
+    fn started(&self, score: &Score, budget: Budget) -> Result<Descent<'a>, FitError> {
         let sizes = FIRST_SIZES.map(|size| self.start(score, size));
         let nothing = with_nothing_of(score, &self.now.fitted.best.theta);
         let starts = sizes.into_iter().chain([nothing]);
         let next = self.now.structure.with(score.effect());
-        fit_from_first(&self.bench.fit, &next, starts, self.now.fitted.cost, budget)
+        let start = Descent::at_first(&self.bench.fit, &next, starts, self.now.fitted.cost)?;
+        Ok(start.run(budget))
     }
 
     /// Where a refit starts: at the one-step estimate, as many times as large as `larger` says.
@@ -213,36 +210,10 @@ impl<'a> Refits<'a> {
             .collect()
     }
 
-    /// The other evaluations, where there is hope that they find the least cost.
-    fn to_the_end(&self, score: &Score, fit: FitResult, least: f64) -> FitResult {
-        let budget = Budget {
-            evaluations: REFIT_EVALUATIONS - HEAT_EVALUATIONS,
-            worth: HOPELESS * least,
-        };
-        if fit.cost > budget.worth {
-            return fit;
-        }
-        self.resume(score, fit, budget)
-    }
-
-    /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the
-    /// narrow valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the
-    /// effect did not explain it.
-    fn best_to_rest(&self, fits: Vec<Fitted<'a>>) -> Vec<Fitted<'a>> {
-        let least = fits.iter().map(|fit| fit.1.cost).fold(f64::INFINITY, f64::min);
-        let to_rest = |(score, fit): Fitted<'a>| {
-            if fit.cost > NEAR_THE_BEST * least {
-                return (score, fit);
-            }
-            (score, self.resume(score, fit, REFIT_EVALUATIONS))
-        };
-        fits.into_par_iter().map(to_rest).collect()
-    }
-
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
     /// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
     /// effect is far off in everything, and so is a one-step estimate from there.
-    fn from_elsewhere(&self, score: &Score, [cost, least]: [f64; 2]) -> Option<FitResult> {
+    fn from_elsewhere(&self, score: &Score, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
         if cost > HOPELESS * least {
             return None;
         }
@@ -251,11 +222,12 @@ impl<'a> Refits<'a> {
             evaluations: SECOND_EVALUATIONS,
             worth: cost,
         };
-        let others = OTHER_SIZES
-            .par_iter()
-            .filter_map(|&size| fit_from(&self.bench.fit, &next, self.start(score, size), budget).ok());
-        let best = others.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        (best.cost < cost).then(|| self.resume(score, best, REFIT_EVALUATIONS - SECOND_EVALUATIONS))
+        let others = OTHER_SIZES.par_iter().filter_map(|&size| {
+            let start = Descent::at(&self.bench.fit, &next, &self.start(score, size));
+            Some(start.ok()?.run(budget))
+        });
+        let best = others.min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
+        (best.cost() < cost).then(|| best.run(REFIT_EVALUATIONS))
     }
 
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
@@ -273,22 +245,18 @@ impl<'a> Refits<'a> {
         };
         tried.par_iter_mut().for_each(|(score, tried)| {
             let next = self.now.structure.with(score.effect());
-            let again = fit_from(&self.bench.fit, &next, with_nothing_of(score, &own), budget);
-            let better = again.ok().filter(|fit| fit.cost < tried.2.cost);
-            if let Some(better) = better.and_then(|fit| self.judge(score, fit)) {
+            let start = Descent::at(&self.bench.fit, &next, &with_nothing_of(score, &own));
+            let again = start.ok().map(|start| start.run(budget));
+            let better = again.filter(|descent| descent.cost() < tried.2.cost);
+            if let Some(better) = better.and_then(|descent| self.judge(score, descent)) {
                 *tried = better;
             }
         });
     }
 
-    /// More evaluations for a refit that could not end with those that it had.
-    fn resume(&self, score: &Score, fit: FitResult, more: impl Into<Budget>) -> FitResult {
-        let next = self.now.structure.with(score.effect());
-        resume(&self.bench.fit, &next, fit, more)
-    }
-
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
-    fn judge(&self, score: &Score, fitted: FitResult) -> Option<Tried> {
+    fn judge(&self, score: &Score, descent: Descent) -> Option<Tried> {
+        let fitted = descent.finish();
         let effect = score.effect();
         let next = self.now.structure.with(effect);
         let held_out = self.bench.held_out.residuals(&next, &fitted.best.theta).ok()?;
@@ -315,6 +283,38 @@ impl<'a> Refits<'a> {
 fn with_nothing_of(score: &Score, theta: &[f64]) -> Vec<f64> {
     let nothing = effects::ALL[score.effect()].vanishing();
     theta.iter().copied().chain(nothing).collect()
+}
+
+/// The other evaluations, where there is hope that they find the least cost.
+fn to_the_end(descent: Descent, least: f64) -> Descent {
+    let budget = Budget {
+        evaluations: REFIT_EVALUATIONS,
+        worth: HOPELESS * least,
+    };
+    if descent.cost() > budget.worth {
+        return descent;
+    }
+    descent.run(budget)
+}
+
+/// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
+/// valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect did not
+/// explain it.
+fn best_to_rest<'a>(descents: Vec<Runner<'a>>) -> Vec<Runner<'a>> {
+    let costs = descents.iter().map(|runner| runner.1.cost());
+    let near = NEAR_THE_BEST * costs.fold(f64::INFINITY, f64::min);
+    let to_rest = |(score, descent): Runner<'a>| {
+        let near = descent.cost() <= near;
+        (
+            score,
+            if near {
+                descent.run(2 * REFIT_EVALUATIONS)
+            } else {
+                descent
+            },
+        )
+    };
+    descents.into_par_iter().map(to_rest).collect()
 }
 
 /// Effects worth a full refit. First the best `count` with their whole families, because only refits can tell the members

@@ -1,6 +1,8 @@
 //! Fitting θ to demonstrations: Levenberg-Marquardt on the offsets of [`crate::observe`] with the
 //! simulator's own tangents, from several starts, with standard errors that hold the noise's part and the grid's.
 
+mod cost;
+mod descent;
 mod numerical;
 mod problem;
 mod profile;
@@ -9,12 +11,11 @@ mod sensitivity;
 mod solver;
 mod uncertainty;
 
+pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, FrameShare, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
-pub use solver::{
-    Budget, FitOptions, FitResult, StopReason, fit, fit_from, fit_from_first, fit_starts, resume,
-};
+pub use solver::{FitOptions, fit, fit_from, fit_from_first, fit_starts};
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -205,17 +205,18 @@ impl<'a> Problem<'a> {
         theta: &[f64],
     ) -> Result<(Self, Evaluation), FitError> {
         let here = self.settled(structure, theta)?;
-        let evaluation = here.evaluate_settled(structure, theta)?;
+        let evaluation = here.evaluate_settled(structure, theta, &vec![false; theta.len()])?;
         Ok((here, evaluation))
     }
 
-    /// Residuals and Jacobian of a problem that is settled at θ.
+    /// Residuals and Jacobian of a problem that is settled at θ; columns of entries that are held are zero.
     pub(super) fn evaluate_settled(
         &self,
         structure: &Structure,
         theta: &[f64],
+        held: &[bool],
     ) -> Result<Evaluation, FitError> {
-        self.evaluation(structure, theta, &self.traces(structure, theta)?)
+        self.evaluation(structure, theta, &self.traces(structure, theta, held)?)
     }
 
     /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values. Columns of what
@@ -233,7 +234,8 @@ impl<'a> Problem<'a> {
         wide.effects.extend(asked);
         wide_theta.extend(asked.iter().flat_map(|&effect| effects::ALL[effect].vanishing()));
         let here = self.settled(structure, theta)?;
-        let (mut traces, failures) = here.traces_that_run(&wide, &wide_theta)?;
+        let (mut traces, failures) =
+            here.traces_that_run(&wide, &wide_theta, &vec![false; wide_theta.len()])?;
         let (mut tested, mut failed) = (structure.clone(), Vec::new());
         let mut kept: Vec<usize> = (0..theta.len()).collect();
         let mut first = theta.len();
@@ -317,7 +319,7 @@ impl<'a> Problem<'a> {
         let entries = structure.parameters();
         for (d, (rows, trace)) in rows.iter().zip(traces).enumerate() {
             let told: Vec<usize> = (0..theta.len())
-                .filter(|&k| !self.says_nothing_of(d, &entries[k]))
+                .filter(|&k| !trace.slopes[k].is_empty() && !self.says_nothing_of(d, &entries[k]))
                 .collect();
             for row in rows {
                 let place = bracket(&trace.arc_m, row.arc_m);

@@ -2,8 +2,9 @@
 //! until the fit is worse than chance makes it. Where the rope does not answer in proportion, as where stiffness and
 //! end mass of a cable grow together, one side is longer than the other, and a standard error hides that.
 
+use super::cost::mean_square;
+use super::descent::{Descent, FitResult, not_told};
 use super::problem::{Evaluation, FitError, Problem};
-use super::solver::{FitResult, fit_holding, mean_square, not_told};
 use super::uncertainty::{Correlation, Information};
 use crate::model::{Estimate, ParameterInfo, Structure};
 use nalgebra::DMatrix;
@@ -226,7 +227,8 @@ impl Search<'_> {
     fn point(&self, (k, side): (usize, f64), theta: Vec<f64>) -> Option<(Point, bool)> {
         let mut held = self.held.clone();
         held[k] = true;
-        let fit = fit_holding(&self.problem, self.structure, (theta, held), EVALUATIONS).ok()?;
+        let fit = Descent::holding(&self.problem, self.structure, &theta, held).ok()?;
+        let fit = fit.run(EVALUATIONS).without_held_slopes();
         let ratio = likelihood_ratio(&self.best, &fit.best);
         let point = Point {
             distance: side * (fit.best.theta[k] - self.best.theta[k]),

@@ -4,7 +4,7 @@
 //!
 //! A pass holds only the effects that it asks about and those that are present: one that is at its
 //! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else. Effects that
-//! change the material have passes of their own: a rollout with one costs more.
+//! change the material and are not present have passes of their own: a rollout with one costs more.
 
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
@@ -33,7 +33,7 @@ pub(super) struct Trace {
     pub(super) arc_m: Vec<f64>,
     /// Centreline, m.
     pub(super) frames: Frames,
-    /// Its change per unit of each entry of θ, m.
+    /// Its change per unit of each entry of θ, m; empty for those that were not asked for.
     pub(super) slopes: Vec<Frames>,
 }
 
@@ -77,7 +77,7 @@ struct Prediction {
     tracks: Vec<Track<f64>>,
 }
 
-fn plan(structure: &Structure, theta: &[f64]) -> Plan {
+fn plan(structure: &Structure, theta: &[f64], held: &[bool]) -> Plan {
     let specs = structure.effects.iter().flat_map(|&e| {
         let parameters = effects::ALL[e].parameters.iter();
         parameters.map(move |p| (p, e))
@@ -85,6 +85,9 @@ fn plan(structure: &Structure, theta: &[f64]) -> Plan {
     let mut tangents: Vec<usize> = (0..theta.len() - specs.clone().count()).collect();
     let (mut slow, mut secants, mut seen) = (Vec::new(), Vec::new(), Vec::new());
     for ((spec, effect), column) in specs.zip(tangents.len()..) {
+        if held[column] {
+            continue;
+        }
         if effects::ALL[effect].only_seen {
             seen.push(column);
             continue;
@@ -102,15 +105,28 @@ fn plan(structure: &Structure, theta: &[f64]) -> Plan {
                 from: (value - step).max(spec.low),
                 to: (value + step).min(spec.high),
             });
-        } else if changes_material(effect) {
+        } else if changes_material(effect) && vanishes(structure, theta, effect) {
             slow.push(column);
         } else {
             tangents.push(column);
         }
     }
-    let mut passes: Vec<Pass> = balanced(&tangents).chain(balanced(&slow)).collect();
+    tangents.retain(|&column| !held[column]);
+    // The prediction itself comes with the first of these.
+    let mut passes = vec![Pass::Tangents(Vec::new())];
+    if !tangents.is_empty() {
+        passes = balanced(&tangents).collect();
+    }
+    passes.extend(balanced(&slow));
     passes.extend(secants);
     Plan { passes, seen }
+}
+
+/// Whether an effect of a structure does nothing at θ.
+fn vanishes(structure: &Structure, theta: &[f64], effect: usize) -> bool {
+    let own = effects::ALL[effect].parameters.iter();
+    own.zip(&theta[structure.entries(effect)])
+        .all(|(p, &value)| value == p.vanishes_at)
 }
 
 /// Passes of nearly the same size.
@@ -144,34 +160,30 @@ fn alone(effect: usize) -> Physics<f64> {
 /// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,
 /// and effects with an entry in `asked`. The last list says where its entries stand in θ.
 fn needed(structure: &Structure, theta: &[f64], asked: &[usize]) -> (Structure, Vec<usize>) {
-    let count = |e: usize| effects::ALL[e].parameters.len();
-    let total: usize = structure.effects.iter().map(|&e| count(e)).sum();
-    let mut first = theta.len() - total;
-    let mut places: Vec<usize> = (0..first).collect();
     let mut kept = Structure::default();
+    let mut places: Vec<usize> = (0..kept.parameters().len()).collect();
     for &effect in &structure.effects {
-        let mine = first..first + count(effect);
-        let vanishes = effects::ALL[effect]
-            .parameters
-            .iter()
-            .zip(&theta[mine.clone()])
-            .all(|(p, &value)| value == p.vanishes_at);
-        if !vanishes || mine.clone().any(|k| asked.contains(&k)) {
+        let mut mine = structure.entries(effect);
+        if !vanishes(structure, theta, effect) || mine.clone().any(|k| asked.contains(&k)) {
             kept.effects.push(effect);
-            places.extend(mine.clone());
+            places.extend(&mut mine);
         }
-        first = mine.end;
     }
     (kept, places)
 }
 
 impl Problem<'_> {
-    /// Every demonstration with slopes for every entry of θ.
+    /// Every demonstration with slopes for every entry of θ that is not held.
     ///
     /// # Errors
     /// A simulation stopped.
-    pub(super) fn traces(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Trace>, FitError> {
-        let (traces, failed) = self.traces_that_run(structure, theta)?;
+    pub(super) fn traces(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+        held: &[bool],
+    ) -> Result<Vec<Trace>, FitError> {
+        let (traces, failed) = self.traces_that_run(structure, theta, held)?;
         failed
             .into_iter()
             .next()
@@ -187,8 +199,9 @@ impl Problem<'_> {
         &self,
         structure: &Structure,
         theta: &[f64],
+        held: &[bool],
     ) -> Result<(Vec<Trace>, Failures), FitError> {
-        let Plan { passes, seen } = plan(structure, theta);
+        let Plan { passes, seen } = plan(structure, theta, held);
         let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
             .flat_map(|d| passes.iter().map(move |pass| (d, pass)))
             .collect();
@@ -423,7 +436,7 @@ mod tests {
             effects: (0..effects::ALL.len()).collect(),
         };
         let theta = structure.start(1e6);
-        let Plan { passes, mut seen } = plan(&structure, &theta);
+        let Plan { passes, mut seen } = plan(&structure, &theta, &vec![false; theta.len()]);
         for pass in &passes {
             match pass {
                 Pass::Tangents(columns) => {
@@ -457,11 +470,33 @@ mod tests {
     }
 
     #[test]
+    fn what_is_held_takes_no_pass() {
+        let structure = Structure {
+            effects: vec![index("rest_curvature"), index("camera_offset")],
+        };
+        let mut theta = structure.start(1e6);
+        theta[3] = 0.5;
+        let mut held = vec![false; theta.len()];
+        held[1] = true;
+        held[2] = true;
+        let Plan { passes, seen } = plan(&structure, &theta, &held);
+        assert_eq!(
+            passes,
+            [Pass::Tangents(vec![0, 3])],
+            "one that is present needs no other pass"
+        );
+        assert_eq!(seen.len(), 6);
+        let Plan { passes, seen } = plan(&structure, &theta, &vec![true; theta.len()]);
+        assert_eq!(passes, [Pass::Tangents(Vec::new())]);
+        assert!(seen.is_empty());
+    }
+
+    #[test]
     fn a_wind_has_a_secant_at_rest_and_a_tangent_when_it_blows() {
         let structure = Structure {
             effects: vec![index("steady_wind")],
         };
-        let at = |q: f64| plan(&structure, &[14.0, 0.3, q, q]).passes.len();
+        let at = |q: f64| plan(&structure, &[14.0, 0.3, q, q], &[false; 4]).passes.len();
         assert_eq!((at(0.0), at(4.0)), (3, 1));
     }
 }

@@ -1,7 +1,7 @@
 //! Standard errors of a fit, with the correlation of the residual taken into account.
 
+use super::cost::{normal_equations, weighted};
 use super::problem::Evaluation;
-use super::solver::{normal_equations, weighted};
 use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::{Deserialize, Serialize};

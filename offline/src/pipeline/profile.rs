@@ -102,7 +102,7 @@ mod tests {
         };
         let of = Profiled {
             structure: &structure,
-            fitted: &FitResult::at(evaluation, &structure.parameters()),
+            fitted: &FitResult::at(evaluation, &structure),
             estimates: &[],
             grid_shift: &[],
             noise_scale: None,

@@ -62,7 +62,7 @@ fn evaluation(structure: &Structure, offset_m: f64) -> fit::Evaluation {
 }
 
 fn fitted(structure: &Structure, offset_m: f64) -> FitResult {
-    FitResult::at(evaluation(structure, offset_m), &structure.parameters())
+    FitResult::at(evaluation(structure, offset_m), structure)
 }
 
 fn view(held_out: bool, mm: f64) -> DemoView {

@@ -1,0 +1,333 @@
+//! Levenberg-Marquardt with Marquardt's scaling, gain ratio, Huber's weights and box bounds
+//! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
+
+use super::cost::{nominal_rows, normal_equations, total_cost};
+use super::problem::{Evaluation, FitError, Problem};
+use super::uncertainty::{POISSON, tells_poisson};
+use crate::model::{ParameterInfo, Structure};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Why a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StopReason {
+    /// The step became small against the standard errors.
+    Converged,
+    /// No step lowered the cost any more.
+    Stalled,
+    /// The budget of evaluations is spent.
+    BudgetSpent,
+    /// The slopes do not promise to come near the cost that was asked for.
+    GivenUp,
+}
+
+/// How long a descent may go on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budget {
+    /// Most evaluations in all, the first included.
+    pub evaluations: usize,
+    /// Cost that makes the descent worth while; infinite where any does.
+    pub worth: f64,
+}
+
+impl From<usize> for Budget {
+    /// So many evaluations, whatever comes of it.
+    fn from(evaluations: usize) -> Self {
+        Self {
+            evaluations,
+            worth: f64::INFINITY,
+        }
+    }
+}
+
+/// The best iterate of a fit.
+pub struct FitResult {
+    /// Evaluation at the best θ.
+    pub best: Evaluation,
+    /// Cost at the best θ: half the robust sum of squares plus the prior's.
+    pub cost: f64,
+    /// Why the descent ended.
+    pub stop: StopReason,
+    /// Number of simulations with tangents.
+    pub evaluations: usize,
+    /// ln E where each followed start ended, and its cost.
+    pub ends: Vec<(f64, f64)>,
+}
+
+#[cfg(test)]
+impl FitResult {
+    /// An evaluation as the end of a fit.
+    pub(crate) fn at(evaluation: Evaluation, structure: &Structure) -> Self {
+        Self {
+            cost: total_cost(&evaluation, &structure.parameters()),
+            ends: Vec::new(),
+            best: evaluation,
+            stop: StopReason::Converged,
+            evaluations: 1,
+        }
+    }
+}
+
+/// A step smaller than this share of every standard error ends the descent.
+const STEP_TOLERANCE: f64 = 0.1;
+/// So does one that promises no more than such a step does: half the square of it, in units of the mean
+/// square misfit. (A share of the whole cost would not do: with thousands of rows it ends the descent
+/// several standard errors away from the minimum.)
+const SMALL_DECREASE: f64 = 0.5 * STEP_TOLERANCE * STEP_TOLERANCE;
+
+/// Share of the cost by which rounding and the assignment of points move it from one θ to the next: where fits of a
+/// bench cell had come to rest, costs within about 3e-4 of each other came in any order.
+const COST_NOISE: f64 = 3e-4;
+/// How many times what a step promises a whole descent may come down at most: rope is no linear thing, and descents
+/// of bench cells came down by up to 3.3 times the promise of their first step.
+const PROMISES: f64 = 4.0;
+/// Damping beyond which no step is tried.
+const MOST_DAMPING: f64 = 1e8;
+/// Damping of a descent's first step.
+const FIRST_DAMPING: f64 = 1e-3;
+/// Damping up to which a step promises what an undamped one does.
+const LITTLE_DAMPING: f64 = 0.01;
+
+/// A descent, which can go on where its budget was spent. Its steps have slopes only for the entries of θ that are free:
+/// those that are held take as much time as others.
+pub struct Descent<'a> {
+    /// Settled at the best θ.
+    here: Problem<'a>,
+    structure: Structure,
+    /// The best iterate so far.
+    best: Evaluation,
+    cost: f64,
+    stop: StopReason,
+    evaluations: usize,
+    damping: f64,
+    /// Entries of θ that stay where they are.
+    held: Vec<bool>,
+    /// Whether the best iterate has slopes for what is held too.
+    whole: bool,
+}
+
+impl<'a> Descent<'a> {
+    /// Before the first step from θ.
+    ///
+    /// # Errors
+    /// The start cannot be simulated, or too little was measured there.
+    pub fn at(problem: &Problem<'a>, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
+        let (here, start) = problem.settled_and_evaluated(structure, theta)?;
+        Ok(Self::of(here, structure, start))
+    }
+
+    /// The same with some entries of θ held where they are, and no others.
+    ///
+    /// # Errors
+    /// The start cannot be simulated, or too little was measured there.
+    pub(super) fn holding(
+        problem: &Problem<'a>,
+        structure: &Structure,
+        theta: &[f64],
+        held: Vec<bool>,
+    ) -> Result<Self, FitError> {
+        Ok(Self {
+            held,
+            ..Self::at(problem, structure, theta)?
+        })
+    }
+
+    /// At the first of some starts that costs less than `below`, or at the best of them where none does.
+    ///
+    /// # Errors
+    /// No start can be simulated, or too little was measured there.
+    pub fn at_first(
+        problem: &Problem<'a>,
+        structure: &Structure,
+        starts: impl IntoIterator<Item = Vec<f64>>,
+        below: f64,
+    ) -> Result<Self, FitError> {
+        let mut best: Result<Self, FitError> = Err(FitError::NoStart("no start was given".into()));
+        for theta in starts {
+            let one = Self::at(problem, structure, &theta);
+            let cost = |one: &Result<Self, _>| one.as_ref().map_or(f64::INFINITY, Self::cost);
+            if cost(&one) < cost(&best) || best.is_err() {
+                best = one;
+            }
+            if cost(&best) < below {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Before the first step from an evaluation of a problem that is settled there.
+    pub(super) fn of(here: Problem<'a>, structure: &Structure, start: Evaluation) -> Self {
+        Self {
+            held: not_told(&here, structure, &start),
+            cost: total_cost(&start, &structure.parameters()),
+            here,
+            structure: structure.clone(),
+            best: start,
+            stop: StopReason::BudgetSpent,
+            evaluations: 1,
+            damping: FIRST_DAMPING,
+            whole: true,
+        }
+    }
+
+    /// Cost so far.
+    pub fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
+    pub fn run(mut self, budget: impl Into<Budget>) -> Self {
+        let (budget, info) = (budget.into(), self.structure.parameters());
+        let mut growth = 2.0;
+        while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
+            let (hessian, gradient) = normal_equations(&self.best, &info);
+            let place = (&self.best.theta[..], &self.held[..]);
+            let step = damped_step((&hessian, &gradient), self.damping, place, &info);
+            let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
+            if let Some(stop) = self.ends(&hessian, (&step, predicted), budget.worth) {
+                self.stop = stop;
+                break;
+            }
+            if self.accepts(&step, predicted, &info) {
+                growth = 2.0;
+            } else if predicted < COST_NOISE * self.cost {
+                self.stop = StopReason::Stalled;
+            } else {
+                self.damping *= growth;
+                growth *= 4.0;
+            }
+        }
+        self
+    }
+
+    /// Why no step is tried, if none is.
+    fn ends(
+        &self,
+        hessian: &DMatrix<f64>,
+        (step, predicted): (&DVector<f64>, f64),
+        worth: f64,
+    ) -> Option<StopReason> {
+        let misfit = (2.0 * self.cost / nominal_rows(&self.best)).max(1.0);
+        if is_small(step, hessian, misfit) || predicted < SMALL_DECREASE * misfit {
+            Some(StopReason::Converged)
+        } else if self.damping > MOST_DAMPING {
+            Some(StopReason::Stalled)
+        } else if self.damping < LITTLE_DAMPING && self.cost - PROMISES * predicted > worth {
+            Some(StopReason::GivenUp)
+        } else {
+            None
+        }
+    }
+
+    /// Tries a step, and takes it if it lowers the cost.
+    fn accepts(&mut self, step: &DVector<f64>, predicted: f64, info: &[ParameterInfo]) -> bool {
+        let theta = &self.best.theta;
+        let trial: Vec<f64> = theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
+        self.evaluations += 1;
+        // A trial that cannot be simulated is a step too far.
+        let Ok(there) = self.here.settled(&self.structure, &trial) else {
+            return false;
+        };
+        let Ok(next) = there.evaluate_settled(&self.structure, &trial, &self.held) else {
+            return false;
+        };
+        let cost = total_cost(&next, info);
+        let gain = (self.cost - cost) / predicted;
+        // A gain that is no number is none.
+        if !matches!(gain.partial_cmp(&0.0), Some(std::cmp::Ordering::Greater)) {
+            return false;
+        }
+        self.damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
+        (self.best, self.cost, self.here) = (next, cost, there);
+        self.whole = !self.held.contains(&true);
+        true
+    }
+
+    /// The best iterate, with slopes for every entry of θ; those of what is held stay zero where they are no numbers.
+    pub fn finish(mut self) -> FitResult {
+        if !self.whole {
+            let none_held = vec![false; self.held.len()];
+            let whole = self
+                .here
+                .evaluate_settled(&self.structure, &self.best.theta, &none_held);
+            self.best = whole.unwrap_or(self.best);
+        }
+        self.without_held_slopes()
+    }
+
+    /// The best iterate; slopes for what is held are zero.
+    pub(super) fn without_held_slopes(self) -> FitResult {
+        FitResult {
+            ends: vec![(self.best.theta[0], self.cost)],
+            best: self.best,
+            cost: self.cost,
+            stop: self.stop,
+            evaluations: self.evaluations,
+        }
+    }
+}
+
+/// Which entries of θ stay where they are because the data do not tell them.
+pub(super) fn not_told(problem: &Problem, structure: &Structure, evaluation: &Evaluation) -> Vec<bool> {
+    let mut held = problem.out_of_plane(structure, evaluation);
+    held[POISSON] |= !tells_poisson(evaluation, problem.stiffness_accuracy);
+    held
+}
+
+/// The damped Newton step inside the box, without the entries that are held. Entries that would leave it are put
+/// on the bound and the others solved again.
+fn damped_step(
+    (hessian, gradient): (&DMatrix<f64>, &DVector<f64>),
+    damping: f64,
+    (theta, held): (&[f64], &[bool]),
+    info: &[ParameterInfo],
+) -> DVector<f64> {
+    let n = theta.len();
+    let mut fixed: Vec<Option<f64>> = held.iter().map(|held| held.then_some(0.0)).collect();
+    loop {
+        let mut a = hessian.clone();
+        let mut b = -gradient.clone();
+        for k in 0..n {
+            a[(k, k)] *= 1.0 + damping;
+        }
+        for k in 0..n {
+            if let Some(value) = fixed[k] {
+                for i in 0..n {
+                    b[i] -= hessian[(i, k)] * value;
+                    a[(i, k)] = 0.0;
+                    a[(k, i)] = 0.0;
+                }
+            }
+        }
+        for k in 0..n {
+            if let Some(value) = fixed[k] {
+                a[(k, k)] = 1.0;
+                b[k] = value;
+            }
+        }
+        let Some(factor) = a.cholesky() else {
+            return DVector::zeros(n);
+        };
+        let step = factor.solve(&b);
+        let mut clean = true;
+        for k in 0..n {
+            let allowed = step[k].clamp(info[k].low - theta[k], info[k].high - theta[k]);
+            if fixed[k].is_none() && allowed != step[k] {
+                fixed[k] = Some(allowed);
+                clean = false;
+            }
+        }
+        if clean {
+            return step;
+        }
+    }
+}
+
+/// Whether a step is small against standard errors that grow with the misfit: where the model lacks
+/// an effect, the place of the minimum is uncertain by more than the noise says.
+fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, misfit: f64) -> bool {
+    let inflation = misfit.sqrt();
+    (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE * inflation)
+}
