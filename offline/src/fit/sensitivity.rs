@@ -284,10 +284,12 @@ impl Problem<'_> {
     fn part(&self, demo: usize, structure: &Structure, theta: &[f64], pass: &Pass) -> Result<Part, FitError> {
         match pass {
             Pass::Tangents(columns) => match columns.len() {
-                0..=2 => self.tangents::<2>(demo, structure, theta, columns),
+                0 | 1 => self.tangents::<1>(demo, structure, theta, columns),
+                2 => self.tangents::<2>(demo, structure, theta, columns),
                 3 => self.tangents::<3>(demo, structure, theta, columns),
                 4 => self.tangents::<4>(demo, structure, theta, columns),
-                5..=8 => self.tangents::<8>(demo, structure, theta, columns),
+                5 | 6 => self.tangents::<6>(demo, structure, theta, columns),
+                7 | 8 => self.tangents::<8>(demo, structure, theta, columns),
                 _ => self.tangents::<MAX_TANGENTS>(demo, structure, theta, columns),
             },
             &Pass::Secant { column, from, to } => self.secant(demo, structure, theta, column, [from, to]),
