@@ -277,10 +277,10 @@ fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
 /// Effects that change the rope itself.
 fn apply_to_rope(rod: &mut Rod, length_m: f64, effects: &WorldEffects) {
     let last = rod.x.len() - 1;
-    rod.natural_per_m = effects.rest_curvature_per_m;
     rod.stiffening = effects.stiffening;
     for i in 0..=last {
         let s = i as f64 * rod.rest_m;
+        rod.natural_per_m[i] = effects.rest_curvature_per_m + effects.curvature_growth_per_m2 * s;
         rod.bending[i] *= 1.0 + effects.bending_change;
         rod.mass[i] *= 1.0 + effects.density_slope * (s / length_m - 0.5);
         if let Some(piece) = effects.stiff_piece

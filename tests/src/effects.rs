@@ -39,6 +39,8 @@ pub struct WorldEffects {
     pub rig_turn_rad: [f64; 3],
     /// Natural curvature in the plane of x and z, 1/m; upwards for a rope along x.
     pub rest_curvature_per_m: f64,
+    /// By how much that grows along the rope, 1/m².
+    pub curvature_growth_per_m2: f64,
     /// Bending stiffness beyond what E says, as a share of it; stretching stays.
     pub bending_change: f64,
     /// Coefficient c of a stress E ε (1 + c ε²).

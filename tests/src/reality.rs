@@ -43,6 +43,7 @@ impl Reality for Rod {
             "tip_mass",
             "density_gradient",
             "rest_curvature",
+            "curvature_gradient",
             "bending_ratio",
             "strain_stiffening",
             "steady_wind",
@@ -93,6 +94,7 @@ fn add(part: &Part, motion: &Motion, played: &mut Played) {
         "tip_mass" => w.tip_mass_kg = v[0],
         "density_gradient" => w.density_slope = v[0],
         "rest_curvature" => w.rest_curvature_per_m = v[1],
+        "curvature_gradient" => w.curvature_growth_per_m2 = v[1],
         "bending_ratio" => w.bending_change = v[0] - 1.0,
         "strain_stiffening" => w.stiffening = v[0],
         "steady_wind" => {

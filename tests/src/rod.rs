@@ -51,8 +51,8 @@ pub struct Rod {
     pub bending: Vec<f64>,
     /// Length of rope whose bend each node stands for, m.
     pub bend_m: Vec<f64>,
-    /// Natural curvature about the sides, 1/m: of a rod along x, upwards.
-    pub natural_per_m: f64,
+    /// Natural curvature about the sides at each node, 1/m: of a rod along x, upwards.
+    pub natural_per_m: Vec<f64>,
     /// Coefficient c of the stress E ε (1 + c ε²).
     pub stiffening: f64,
     /// E ∫ y⁴ dA, N m⁴: what stiffening multiplies in bending.
@@ -102,7 +102,7 @@ impl Rod {
             share_m,
             bending: (0..=n).map(|i| if inner(i) { bend } else { 0.0 }).collect(),
             bend_m: vec![rest_m; n + 1],
-            natural_per_m: 0.0,
+            natural_per_m: vec![0.0; n + 1],
             stiffening: 0.0,
             // ∫ y⁴ dA = π R⁶/8 over a disc.
             fourth_n_m4: spec.young_pa * PI * (0.5 * spec.diameter_m).powi(6) / 8.0,
@@ -203,9 +203,9 @@ impl Rod {
             self.torques[i - 1] += elastic + viscous;
             self.torques[i] -= elastic + viscous;
             let [own, other] = [self.sides[i - 1], self.sides[i]];
-            let natural = (own + other) * (0.5 * self.natural_per_m * self.bend_m[i]);
+            let natural = (own + other) * (0.5 * self.natural_per_m[i] * self.bend_m[i]);
             let bent = near.cross(&far) * (2.0 / (1.0 + c));
-            let half = bent * (0.5 * self.natural_per_m * self.bend_m[i] * stiffness);
+            let half = bent * (0.5 * self.natural_per_m[i] * self.bend_m[i] * stiffness);
             self.torques[i - 1] += natural_torque(&near, &far, &natural) * stiffness + own.cross(&half);
             self.torques[i] += other.cross(&half) - natural_torque(&far, &near, &natural) * stiffness;
             let (second, second_other) = (near.cross(&own), far.cross(&other));
@@ -254,7 +254,7 @@ impl Rod {
             let [t0, t1] = [&self.directors[i - 1], &self.directors[i]];
             let c = t0.dot(t1);
             let square = 4.0 * (1.0 - c) / (1.0 + c);
-            let natural = self.natural_per_m * self.bend_m[i];
+            let natural = self.natural_per_m[i] * self.bend_m[i];
             let [own, other] = [&self.sides[i - 1], &self.sides[i]];
             let about_side = t0.cross(t1).dot(&(own + other)) / (1.0 + c);
             let aligned = own.dot(other) + t0.cross(own).dot(&t1.cross(other));

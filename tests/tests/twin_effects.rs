@@ -70,7 +70,7 @@ fn difference(effects: &WorldEffects) -> f64 {
 /// A name and what switches the effect on.
 type Switch = (&'static str, fn(&mut WorldEffects));
 
-const SWITCHES: [Switch; 16] = [
+const SWITCHES: [Switch; 17] = [
     ("tip mass", |e| e.tip_mass_kg = 0.009),
     ("tilt", |e| e.tilt_rad = [0.1, 0.0]),
     ("linear drag", |e| e.drag_linear_per_s = 5.0),
@@ -84,6 +84,7 @@ const SWITCHES: [Switch; 16] = [
     ("lag", |e| e.gripper_lag_s = 0.03),
     ("clock", |e| e.clock_offset_s = 0.03),
     ("rest curvature", |e| e.rest_curvature_per_m = 2.0),
+    ("curvature growth", |e| e.curvature_growth_per_m2 = 10.0),
     ("bending", |e| e.bending_change = 0.5),
     ("stiffening", |e| e.stiffening = 50.0),
     ("compliance", |e| e.clamp_compliance = 5.0),
@@ -282,26 +283,37 @@ fn a_wrong_camera_position_moves_only_its_own_points() {
 /// A rod without weight takes its natural curvature, upwards, and stores nothing then.
 #[test]
 fn a_weightless_rod_takes_its_natural_curvature() {
-    let curvature = 4.0;
-    let effects = WorldEffects {
-        rest_curvature_per_m: curvature,
-        drag_linear_per_s: 20.0,
-        ..WorldEffects::default()
+    let curvature: f64 = 4.0;
+    let taken = |rest_curvature_per_m: f64, curvature_growth_per_m2: f64| {
+        let effects = WorldEffects {
+            rest_curvature_per_m,
+            curvature_growth_per_m2,
+            drag_linear_per_s: 20.0,
+            ..WorldEffects::default()
+        };
+        // It falls, which does not bend it.
+        let mut free = world(&[], &effects);
+        free.advance_to(2.0);
+        let straightened = 0.5 * curvature.powi(2) * 9e5 * PI * DIAMETER.powi(4) / 64.0 * LENGTH;
+        assert!(free.rod.elastic_energy_j() < 1e-3 * straightened);
+        free.rod.x
     };
-    // It falls, which does not bend it.
-    let mut free = world(&[], &effects);
-    free.advance_to(2.0);
-    let x = &free.rod.x;
-    let chord = |i: usize| (x[i + 1] - x[i]).normalize();
-    let turn = chord(0).cross(&chord(24));
-    let angle = turn.norm().atan2(chord(0).dot(&chord(24)));
-    // 24 bends of 10 mm.
-    assert!((angle / (curvature * 0.24) - 1.0).abs() < 0.02, "{angle}");
-    assert!(turn.y < 0.0, "upwards");
-    assert!(
-        free.rod.elastic_energy_j()
-            < 1e-3 * 0.5 * curvature.powi(2) * 9e5 * PI * DIAMETER.powi(4) / 64.0 * LENGTH
-    );
+    // How far the rod turns between two of its chords.
+    let angle = |x: &[Vector3<f64>], from: usize, to: usize| {
+        let chord = |i: usize| (x[i + 1] - x[i]).normalize();
+        let turn = chord(from).cross(&chord(to));
+        assert!(turn.y < 0.0, "upwards");
+        turn.norm().atan2(chord(from).dot(&chord(to)))
+    };
+    // 24 bends of 10 mm, at nodes 1 to 24.
+    let circle = angle(&taken(curvature, 0.0), 0, 24);
+    assert!((circle / (curvature * 0.24) - 1.0).abs() < 0.02, "{circle}");
+    let clothoid = taken(0.0, 2.0 * curvature / LENGTH);
+    for (to, bends) in [(12, 78.0), (24, 300.0)] {
+        let expected = 2.0 * curvature / LENGTH * 0.01 * 0.01 * bends;
+        let turned = angle(&clothoid, 0, to);
+        assert!((turned / expected - 1.0).abs() < 0.02, "{turned} at {to}");
+    }
 }
 
 /// A spring in series at the wall adds C M to the slope: C q L²/2 · L at the tip.

@@ -199,7 +199,7 @@ fn crumpled(axial_retardation_s: f64) -> Rod {
         bending_retardation_s: 0.0,
     };
     let mut rod = Rod::straight(&spec, Vector3::zeros(), Vector3::x());
-    rod.natural_per_m = 7.0;
+    rod.natural_per_m.fill(7.0);
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut vector = || Vector3::from_fn(|_, _| random.random::<f64>() - 0.5);
     for i in 0..rod.x.len() {
