@@ -1,7 +1,7 @@
 //! The fit against the twin world's known rope, and what it says when there is nothing to fit.
 
 use offline::demo::{Demo, Observations};
-use offline::fit::{FitError, FitOptions, Problem, Resolution, StopReason, estimates, fit};
+use offline::fit::{Descent, FitError, FitOptions, Problem, Resolution, StopReason, estimates, fit};
 use offline::model::Structure;
 use tests::effects::WorldEffects;
 use tests::sample_rope::{YOUNG_PA, shipped_specs};
@@ -53,6 +53,29 @@ fn the_stiffness_of_the_twin_is_found() {
             .all(|e| e.standard_error.is_finite() && e.standard_error > 0.0)
     );
     assert_ne!(result.stop, StopReason::BudgetSpent);
+}
+
+/// And the end of a descent has slopes for what it held, Poisson's ratio, because they say that the data do not tell it.
+#[test]
+fn a_descent_that_was_stopped_goes_on_as_if_it_had_not_been() {
+    let demo = recording();
+    let problem = Problem::new(&[&demo], COARSE).unwrap();
+    let start = || Descent::at(&problem, &Structure::default(), &[2.4e6_f64.ln(), 0.3]).unwrap();
+    let whole = start().run(8).finish();
+    let in_parts = start().run(2).run(5).run(8).finish();
+    assert_eq!(in_parts.best.theta, whole.best.theta);
+    assert_eq!(in_parts.cost, whole.cost);
+    assert_eq!(
+        (in_parts.stop, in_parts.evaluations),
+        (whole.stop, whole.evaluations)
+    );
+    assert!(whole.evaluations > 3, "it had a way to go");
+    assert!(whole.best.jacobian.column(1).amax() > 0.0);
+    let settled = problem.settled(&Structure::default(), &whole.best.theta).unwrap();
+    let again = settled
+        .evaluate(&Structure::default(), &whole.best.theta)
+        .unwrap();
+    assert_eq!(whole.best.jacobian, again.jacobian);
 }
 
 /// Clouds that show a wall a metre behind the rope, as when camera poses are wrong.

@@ -117,11 +117,11 @@ fn better_starts(last: &Standing, rounds: &[Round]) -> Vec<Vec<f64>> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::conclude::tests::fitted;
     use super::*;
     use crate::bench_diagnosis::experiment::MOTIONS;
-    use crate::bench_diagnosis::reality::{Finer, Reality, part};
+    use crate::bench_diagnosis::reality::{Finer, Part, Reality, part};
     use crate::demo::Demo;
     use crate::diagnose::{LoopOptions, ScoreTable};
     use crate::fit::Resolution;
@@ -179,31 +179,46 @@ mod tests {
         assert!(starts(4.90, &[]).is_empty(), "refits of the model before");
     }
 
+    /// Young's modulus of the ropes below, Pa.
+    pub const YOUNG_PA: f64 = 0.6e6;
+
+    /// Every motion of a rope with some causes.
+    pub fn recorded(parts: &[Part]) -> Vec<Demo> {
+        let tracks = Finer.tracks(YOUNG_PA, parts, &MOTIONS).unwrap();
+        let motions = MOTIONS.iter().zip(&tracks);
+        motions
+            .map(|(motion, track)| motion.demo(track, 1e-3, 5))
+            .collect()
+    }
+
+    /// Usual options.
+    pub fn options() -> LoopOptions {
+        let cells = MIN_CELLS_PER_DIAMETER;
+        LoopOptions::new(Resolution { cells }, 5)
+    }
+
+    /// The base model's best.
+    pub fn base(bench: &Bench) -> Standing {
+        let structure = Structure::default();
+        let fitted = fit_from(&bench.fit, &structure, vec![YOUNG_PA.ln(), 0.3], 12).unwrap();
+        Standing::of(bench, structure, fitted).unwrap()
+    }
+
     /// Names of the effects that stay of a model with a tip mass and a density gradient, fitted to a rope with these
     /// true sizes of them, in units.
     fn stay(tip_mass: f64, density_gradient: f64) -> Vec<String> {
-        let young_pa = 0.6e6;
         let parts = [
             part("tip_mass", tip_mass),
             part("density_gradient", density_gradient),
         ];
-        let tracks = Finer.tracks(young_pa, &parts, &MOTIONS).unwrap();
-        let demos: Vec<Demo> = MOTIONS
-            .iter()
-            .zip(&tracks)
-            .map(|(motion, track)| motion.demo(track, 1e-3, 5))
-            .collect();
-        let cells = MIN_CELLS_PER_DIAMETER;
-        let options = LoopOptions::new(Resolution { cells }, 5);
-        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+        let demos = recorded(&parts);
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
         let structure = Structure::of_ids(&parts.each_ref().map(|part| part.id.clone()));
         let values = parts.iter().flat_map(|part| part.values.clone());
-        let theta = [young_pa.ln(), 0.3].into_iter().chain(values).collect();
+        let theta = [YOUNG_PA.ln(), 0.3].into_iter().chain(values).collect();
         let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).unwrap();
         let model = Standing::of(&bench, structure, fitted).unwrap();
-        let base = fit_from(&bench.fit, &Structure::default(), vec![young_pa.ln(), 0.3], 12).unwrap();
-        let before = Standing::of(&bench, Structure::default(), base).unwrap();
-        let (model, dropped) = needed(&bench, &before, model, &|_| ());
+        let (model, dropped) = needed(&bench, &base(&bench), model, &|_| ());
         assert_eq!(model.structure.effects.len() + dropped.len(), 2);
         model.structure.ids()
     }

@@ -86,6 +86,8 @@ const PROMISES: f64 = 4.0;
 const MOST_DAMPING: f64 = 1e8;
 /// Damping of a descent's first step.
 const FIRST_DAMPING: f64 = 1e-3;
+/// And by how much it grows where that does not lower the cost.
+const FIRST_GROWTH: f64 = 2.0;
 /// Damping up to which a step promises what an undamped one does.
 const LITTLE_DAMPING: f64 = 0.01;
 
@@ -101,6 +103,8 @@ pub struct Descent<'a> {
     stop: StopReason,
     evaluations: usize,
     damping: f64,
+    /// By how much that grows where the next step lowers the cost no more.
+    growth: f64,
     /// Entries of θ that stay where they are.
     held: Vec<bool>,
     /// Whether the best iterate has slopes for what is held too.
@@ -168,6 +172,7 @@ impl<'a> Descent<'a> {
             stop: StopReason::BudgetSpent,
             evaluations: 1,
             damping: FIRST_DAMPING,
+            growth: FIRST_GROWTH,
             whole: true,
         }
     }
@@ -180,7 +185,6 @@ impl<'a> Descent<'a> {
     /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
     pub fn run(mut self, budget: impl Into<Budget>) -> Self {
         let (budget, info) = (budget.into(), self.structure.parameters());
-        let mut growth = 2.0;
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
             let (hessian, gradient) = normal_equations(&self.best, &info);
             let place = (&self.best.theta[..], &self.held[..]);
@@ -191,12 +195,12 @@ impl<'a> Descent<'a> {
                 break;
             }
             if self.accepts(&step, predicted, &info) {
-                growth = 2.0;
+                self.growth = FIRST_GROWTH;
             } else if predicted < COST_NOISE * self.cost {
                 self.stop = StopReason::Stalled;
             } else {
-                self.damping *= growth;
-                growth *= 4.0;
+                self.damping *= self.growth;
+                self.growth *= 4.0;
             }
         }
         self
