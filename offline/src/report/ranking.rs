@@ -191,6 +191,13 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
     let accepted = round.refits.iter().find(|refit| is_accepted(round, &refit.id));
     let statistic = tidy(score.statistic);
     match (refit(round, &score.id), accepted) {
+        (Some(other), Some(best)) if other.passed && other.held_out.rms_mm < best.held_out.rms_mm => format!(
+            "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: less by no more than chance allows, and \
+             at its size the rig would have been set up with little care",
+            other.held_out.rms_mm,
+            effect_title(&best.id),
+            best.held_out.rms_mm
+        ),
         (Some(other), Some(best)) if other.passed => format!(
             "it passes every gate, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
             other.fit.rms_mm,
