@@ -70,6 +70,7 @@ fn a_descent_that_was_stopped_goes_on_as_if_it_had_not_been() {
         (whole.stop, whole.evaluations)
     );
     assert!(whole.evaluations > 3, "it had a way to go");
+    assert_eq!(whole.best.theta[1], 0.3, "Poisson's ratio was held");
     assert!(whole.best.jacobian.column(1).amax() > 0.0);
     let settled = problem.settled(&Structure::default(), &whole.best.theta).unwrap();
     let again = settled

@@ -71,6 +71,11 @@ pub(super) struct Choice {
 }
 
 impl Choice {
+    /// Whether there is a winner.
+    pub(super) fn accepted(&self) -> bool {
+        matches!(self.found, Found::Accepted(_))
+    }
+
     /// Chooses among further refits of the model `now` where none was accepted before; the finer grid is tried on those
     /// that passed, likeliest first.
     pub(super) fn among(
@@ -85,8 +90,7 @@ impl Choice {
         let left = ResidualSummary::of(&now.fitted.best);
         sort_by_likelihood(&mut tried);
         for (mut refit, structure, fitted) in tried {
-            let first = !matches!(self.found, Found::Accepted(_));
-            if refined && first && refit.passed {
+            if refined && !self.accepted() && refit.passed {
                 progress(&format!("checking {} on a finer grid", refit.id));
                 let gate = refine(bench, &structure, &fitted, &left)?;
                 refit.passed &= gate.passed;

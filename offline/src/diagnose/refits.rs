@@ -71,17 +71,25 @@ impl<'a> Refits<'a> {
 
     /// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
     /// those that look like it to first order are among the first. The score holds to first order only: where the base
-    /// model is far off, the cause may well be tenth.
-    pub(super) fn leading(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
+    /// model is far off, the cause may well be tenth. Also whether the others are among them.
+    pub(super) fn leading(&self, progress: &dyn Fn(&str)) -> (Vec<Tried>, bool) {
         let [first, others, slight] = leading(self.table, self.options.refits);
         if [&first, &others, &slight].iter().all(|batch| batch.is_empty()) {
             progress("refitting with nothing: no effect is significant");
         }
         let mut tried = self.batch(&first, (first.len(), f64::INFINITY), progress);
-        if !tried.iter().any(|(_, tried)| self.explained(tried)) {
+        let all = !tried.iter().any(|(_, tried)| self.explained(tried));
+        if all {
             let least = tried.iter().map(|t| t.1.2.cost).fold(f64::INFINITY, f64::min);
             tried.extend(self.batch(&others, (GO_ON, least), progress));
         }
+        (tried.into_iter().map(|(_, tried)| tried).collect(), all)
+    }
+
+    /// Refits the others alone, for where the finer grid refused what left nothing to them.
+    pub(super) fn others(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
+        let [_, others, _] = leading(self.table, self.options.refits);
+        let tried = self.batch(&others, (GO_ON, f64::INFINITY), progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
@@ -95,7 +103,7 @@ impl<'a> Refits<'a> {
         let [_, _, slight] = leading(self.table, self.options.refits);
         // What failed before is no measure of what is tried because it did.
         let mut tried = self.batch(&slight, (GO_ON, f64::INFINITY), progress);
-        self.from_where_one_passed(&mut tried);
+        self.restart_where_one_passed(&mut tried);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
@@ -123,7 +131,7 @@ impl<'a> Refits<'a> {
         if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
             tried.par_iter_mut().for_each(|(score, tried)| {
-                let better = self.from_elsewhere(score, [tried.2.cost, least]);
+                let better = self.restart_elsewhere(score, [tried.2.cost, least]);
                 if let Some(better) = better.and_then(|descent| self.judge(score, descent)) {
                     *tried = better;
                 }
@@ -213,7 +221,7 @@ impl<'a> Refits<'a> {
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
     /// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
     /// effect is far off in everything, and so is a one-step estimate from there.
-    fn from_elsewhere(&self, score: &Score, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
+    fn restart_elsewhere(&self, score: &Score, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
         if cost > HOPELESS * least {
             return None;
         }
@@ -233,7 +241,7 @@ impl<'a> Refits<'a> {
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
     /// cost: the rope that one effect found may be the cause's as well, and the way there from a model that is far off is
     /// a matter of luck. A tip mass was never found where a density gradient was.
-    fn from_where_one_passed(&self, tried: &mut [(&Score, Tried)]) {
+    fn restart_where_one_passed(&self, tried: &mut [(&Score, Tried)]) {
         let passed = tried.iter().map(|(_, t)| t).filter(|t| t.0.passed);
         let Some(best) = passed.min_by(|a, b| a.2.cost.total_cmp(&b.2.cost)) else {
             return;
@@ -340,7 +348,7 @@ fn leading(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
     let ranked: Vec<&Score> = ranked.collect();
     let alike = |s: &Score| {
         let mut best = ranked.iter().take(count);
-        best.any(|r| r.id == s.id || r.family.contains(&s.id))
+        !flows(s.effect()) && best.any(|r| r.id == s.id || r.family.contains(&s.id))
     };
     let early = |s: &&Score| nuisance(s) || alike(s);
     let (first, others) = all.into_iter().partition(early);
@@ -393,7 +401,7 @@ mod tests {
         let failed = refit(&mass, &[4e6_f64.ln(), 0.3, 0.0], 1);
         let before = failed.2.cost;
         let mut tried = [(&gradient, passed), (&mass, failed)];
-        refits.from_where_one_passed(&mut tried);
+        refits.restart_where_one_passed(&mut tried);
         let (refit, _, fitted) = &tried[1].1;
         assert!(fitted.cost < 0.1 * before, "{} of {before}", fitted.cost);
         let found_kg = refit.parameters[0].value;

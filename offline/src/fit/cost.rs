@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 /// Whitened offsets beyond this count linearly. It is large because a model that lacks an effect
 /// misses by many standard errors everywhere, which is signal; only gross outliers shall lose weight.
 const DEFAULT_HUBER: f64 = 30.0;
+
 /// Mean square of the whitened offsets, with Huber's weights.
 pub(super) fn mean_square(evaluation: &Evaluation) -> f64 {
     2.0 * robust_cost(evaluation) / evaluation.len() as f64

@@ -147,18 +147,18 @@ impl<'a> Descent<'a> {
         starts: impl IntoIterator<Item = Vec<f64>>,
         below: f64,
     ) -> Result<Self, FitError> {
-        let mut best: Result<Self, FitError> = Err(FitError::NoStart("no start was given".into()));
+        let mut tried = Vec::new();
         for theta in starts {
             let one = Self::at(problem, structure, &theta);
-            let cost = |one: &Result<Self, _>| one.as_ref().map_or(f64::INFINITY, Self::cost);
-            if cost(&one) < cost(&best) || best.is_err() {
-                best = one;
-            }
-            if cost(&best) < below {
+            let enough = one.as_ref().is_ok_and(|one| one.cost < below);
+            tried.push(one);
+            if enough {
                 break;
             }
         }
-        best
+        let cost = |one: &Result<Self, _>| one.as_ref().map_or(f64::INFINITY, Self::cost);
+        let best = tried.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))
     }
 
     /// Before the first step from an evaluation of a problem that is settled there.
@@ -185,6 +185,11 @@ impl<'a> Descent<'a> {
     /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
     pub fn run(mut self, budget: impl Into<Budget>) -> Self {
         let (budget, info) = (budget.into(), self.structure.parameters());
+        if !self.whole && self.stop == StopReason::BudgetSpent {
+            // What the data do not tell at one θ they may tell at another.
+            self.complete();
+            self.held = not_told(&self.here, &self.structure, &self.best);
+        }
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
             let (hessian, gradient) = normal_equations(&self.best, &info);
             let place = (&self.best.theta[..], &self.held[..]);
@@ -249,19 +254,23 @@ impl<'a> Descent<'a> {
         true
     }
 
-    /// The best iterate, with slopes for every entry of θ; those of what is held stay zero where they are no numbers.
+    /// Slopes of the best iterate for what is held too; one that is no number stays zero.
+    fn complete(&mut self) {
+        if let Ok(whole) = self.here.evaluate_what_runs(&self.structure, &self.best.theta) {
+            self.best = whole;
+        }
+        self.whole = true;
+    }
+
+    /// The best iterate, with slopes for every entry of θ.
     pub fn finish(mut self) -> FitResult {
         if !self.whole {
-            let none_held = vec![false; self.held.len()];
-            let whole = self
-                .here
-                .evaluate_settled(&self.structure, &self.best.theta, &none_held);
-            self.best = whole.unwrap_or(self.best);
+            self.complete();
         }
         self.without_held_slopes()
     }
 
-    /// The best iterate; slopes for what is held are zero.
+    /// The best iterate; once a step was taken, slopes for what is held are zero.
     pub(super) fn without_held_slopes(self) -> FitResult {
         FitResult {
             ends: vec![(self.best.theta[0], self.cost)],

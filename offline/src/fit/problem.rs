@@ -114,7 +114,8 @@ pub struct Evaluation {
     pub theta: Vec<f64>,
     /// Measured offsets per demonstration.
     pub rows: Vec<Vec<Row>>,
-    /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents.
+    /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents, zero for
+    /// what was not asked for.
     pub jacobian: DMatrix<f64>,
 }
 
@@ -217,6 +218,16 @@ impl<'a> Problem<'a> {
         held: &[bool],
     ) -> Result<Evaluation, FitError> {
         self.evaluation(structure, theta, &self.traces(structure, theta, held)?)
+    }
+
+    /// The same with a column for every entry whose slope is a number; the others are zero.
+    pub(super) fn evaluate_what_runs(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Evaluation, FitError> {
+        let (traces, _) = self.traces_that_run(structure, theta, &vec![false; theta.len()])?;
+        self.evaluation(structure, theta, &traces)
     }
 
     /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values. Columns of what

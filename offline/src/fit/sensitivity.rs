@@ -213,7 +213,7 @@ impl Problem<'_> {
         let mut parts = parts.into_iter();
         let mut traces = Vec::new();
         for demo in 0..self.demos.len() {
-            let mut prediction = None;
+            let (mut prediction, mut stopped) = (None, None);
             let mut slopes = vec![Vec::new(); theta.len()];
             for (pass, part) in passes.iter().zip(parts.by_ref()) {
                 match part {
@@ -227,11 +227,14 @@ impl Problem<'_> {
                             }
                         }
                     }
-                    Err(error) => failed.extend(pass.columns().iter().map(|&c| (c, error.clone()))),
+                    Err(error) => {
+                        failed.extend(pass.columns().iter().map(|&c| (c, error.clone())));
+                        stopped = stopped.or(Some(error));
+                    }
                 }
             }
             let Some(prediction) = prediction else {
-                return Err(failed.swap_remove(0).1);
+                return Err(stopped.unwrap_or_else(|| FitError::NoStart("no pass was planned".into())));
             };
             for columns in seen.chunks(SEEN) {
                 for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {

@@ -192,8 +192,8 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
     let statistic = tidy(score.statistic);
     match (refit(round, &score.id), accepted) {
         (Some(other), Some(best)) if other.passed && other.held_out.rms_mm < best.held_out.rms_mm => format!(
-            "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: less by no more than chance allows, and \
-             at its size the rig would have been set up with little care",
+            "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: not so much less as to \
+             outweigh how far off the rig would have been set up",
             other.held_out.rms_mm,
             effect_title(&best.id),
             best.held_out.rms_mm

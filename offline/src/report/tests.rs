@@ -391,7 +391,10 @@ fn why_what_leaves_less_was_not_accepted_is_said() {
         why.contains("4.03 mm where held out") && why.contains("4.06"),
         "{why}"
     );
-    assert!(why.ends_with("set up with little care"), "{why}");
+    assert!(
+        why.ends_with("how far off the rig would have been set up"),
+        "{why}"
+    );
 }
 
 #[test]
