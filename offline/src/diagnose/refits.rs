@@ -7,7 +7,8 @@ use super::round::Refit;
 use super::rounds::{Bench, LoopOptions};
 use super::score::{Score, ScoreTable};
 use crate::effects;
-use crate::fit::{Budget, Descent, FitError, StopReason, estimates, flows};
+use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, estimates, flows};
+use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 
@@ -46,7 +47,12 @@ pub(super) struct Refits<'a> {
     now: &'a Standing,
     /// What it leaves where fitted.
     left: ResidualSummary,
+    /// Its parameters where the data told them, the prior's centres where they did not: what a model that lacks an
+    /// effect makes of the rest, often a value at its bound, is a bad start for one that has it.
+    told: Vec<f64>,
     table: &'a ScoreTable,
+    /// The likely effects, the others that are worth it, and those of slight score.
+    batches: [Vec<&'a Score>; 3],
     options: &'a LoopOptions,
 }
 
@@ -64,31 +70,36 @@ impl<'a> Refits<'a> {
             bench,
             now,
             left: ResidualSummary::of(&now.fitted.best),
+            told: told(&now.fitted.best, &now.structure),
             table,
+            batches: batches(table, options.refits),
             options,
         }
     }
 
     /// Refits the leading effects and, unless one that passes leaves nothing to explain, all others that are worth it:
     /// those that look like it to first order are among the first. The score holds to first order only: where the base
-    /// model is far off, the cause may well be tenth. Also whether the others are among them.
-    pub(super) fn leading(&self, progress: &dyn Fn(&str)) -> (Vec<Tried>, bool) {
-        let [first, others, slight] = leading(self.table, self.options.refits);
-        if [&first, &others, &slight].iter().all(|batch| batch.is_empty()) {
+    /// model is far off, the cause may well be tenth.
+    pub(super) fn leading(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
+        let [first, others, _] = &self.batches;
+        if self.batches.iter().all(Vec::is_empty) {
             progress("refitting with nothing: no effect is significant");
         }
-        let mut tried = self.batch(&first, (first.len(), f64::INFINITY), progress);
-        let all = !tried.iter().any(|(_, tried)| self.explained(tried));
-        if all {
+        let mut tried = self.batch(first, (first.len(), f64::INFINITY), progress);
+        if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             let least = tried.iter().map(|t| t.1.2.cost).fold(f64::INFINITY, f64::min);
-            tried.extend(self.batch(&others, (GO_ON, least), progress));
+            tried.extend(self.batch(others, (GO_ON, least), progress));
         }
-        (tried.into_iter().map(|(_, tried)| tried).collect(), all)
+        tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
-    /// Refits the others alone, for where the finer grid refused what left nothing to them.
-    pub(super) fn others(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
-        let [_, others, _] = leading(self.table, self.options.refits);
+    /// Refits the others alone, for where the finer grid refused what left nothing to them; none where they have had
+    /// their refits.
+    pub(super) fn others(&self, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
+        let others = self.batches[1].iter().copied();
+        let others: Vec<&Score> = others
+            .filter(|s| had.iter().all(|refit| refit.id != s.id))
+            .collect();
         let tried = self.batch(&others, (GO_ON, f64::INFINITY), progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
@@ -100,9 +111,8 @@ impl<'a> Refits<'a> {
         if !self.now.structure.effects.is_empty() {
             return Vec::new();
         }
-        let [_, _, slight] = leading(self.table, self.options.refits);
         // What failed before is no measure of what is tried because it did.
-        let mut tried = self.batch(&slight, (GO_ON, f64::INFINITY), progress);
+        let mut tried = self.batch(&self.batches[2], (GO_ON, f64::INFINITY), progress);
         self.restart_where_one_passed(&mut tried);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
@@ -188,7 +198,7 @@ impl<'a> Refits<'a> {
 
     /// Where a refit starts: at the one-step estimate, as many times as large as `larger` says.
     fn start(&self, score: &Score, larger: f64) -> Vec<f64> {
-        let mut theta = self.told();
+        let mut theta = self.told.clone();
         for (p, e) in effects::ALL[score.effect()]
             .parameters
             .iter()
@@ -199,23 +209,6 @@ impl<'a> Refits<'a> {
             theta.push((p.vanishes_at + larger * e).clamp(safe[0], safe[1]));
         }
         theta
-    }
-
-    /// θ of the model where the data told it, the prior's centre where they did not: what a model that lacks an effect
-    /// makes of the rest, often a value at its bound, is a bad start for one that has it.
-    fn told(&self) -> Vec<f64> {
-        let (best, structure) = (&self.now.fitted.best, &self.now.structure);
-        let all = estimates(best, structure);
-        let start = all.iter().zip(&best.theta).zip(structure.parameters());
-        start
-            .map(|((estimate, &theta), info)| {
-                if estimate.identified {
-                    theta
-                } else {
-                    info.prior_mean
-                }
-            })
-            .collect()
     }
 
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
@@ -287,6 +280,21 @@ impl<'a> Refits<'a> {
     }
 }
 
+/// θ of a model where the data told it, the prior's centre where they did not.
+fn told(best: &Evaluation, structure: &Structure) -> Vec<f64> {
+    let all = estimates(best, structure);
+    let entries = all.iter().zip(&best.theta).zip(structure.parameters());
+    entries
+        .map(|((estimate, &theta), info)| {
+            if estimate.identified {
+                theta
+            } else {
+                info.prior_mean
+            }
+        })
+        .collect()
+}
+
 /// θ of a model with an effect that does nothing.
 fn with_nothing_of(score: &Score, theta: &[f64]) -> Vec<f64> {
     let nothing = effects::ALL[score.effect()].vanishing();
@@ -329,7 +337,7 @@ fn best_to_rest<'a>(descents: Vec<Runner<'a>>) -> Vec<Runner<'a>> {
 /// of one apart, and whatever the other scores hold to be free; then the others, best first; then all of
 /// slight score, where anything is significant: not to try one of those that are alike would name the other. What flows
 /// is never among the best: its refit takes up to four times as long, and its score, a secant's, says the least.
-fn leading(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
+fn batches(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
     let nuisance = |s: &Score| effects::ALL[s.effect()].nuisance;
     let best = table
         .scores
@@ -421,7 +429,7 @@ mod tests {
             score("internal_damping", 795.0, 900.0, &[]),
             score("bending_ratio", 31.0, 25.0, &[]),
         ]);
-        let [first, others, slight] = leading(&table, 2);
+        let [first, others, slight] = batches(&table, 2);
         assert_eq!(
             names(&first),
             ["air_drag", "table_friction", "density_gradient", "camera_offset"]
@@ -440,7 +448,7 @@ mod tests {
             score("tilted_gravity", 1186.0, 42.0, &["steady_wind"]),
             score("rest_curvature", 1003.0, 14.0, &[]),
         ]);
-        let [first, others, _] = leading(&table, 2);
+        let [first, others, _] = batches(&table, 2);
         assert_eq!(
             names(&first),
             ["internal_damping", "steady_wind", "tilted_gravity"]
@@ -458,7 +466,7 @@ mod tests {
             score("tilted_gravity", 490.0, 8.0, &[]),
             score("tip_mass", 279.0, 6.0, &[]),
         ]);
-        let [first, others, slight] = leading(&table, 2);
+        let [first, others, slight] = batches(&table, 2);
         assert_eq!(names(&first), ["camera_offset", "rest_curvature", "gripper_lag"]);
         assert_eq!(names(&others), ["tilted_gravity"]);
         assert_eq!(names(&slight), ["tip_mass"]);

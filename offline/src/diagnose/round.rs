@@ -65,10 +65,10 @@ pub(super) fn one_round(
     progress(&format!("best scores (needed): {}", listed.join(", ")));
     let candidates = Refits::new(bench, now, &table, options);
     let mut choice = Choice::default();
-    let (leading, all) = candidates.leading(progress);
-    choice.among(bench, now, leading, options, progress)?;
-    if !all && !choice.accepted() {
-        choice.among(bench, now, candidates.others(progress), options, progress)?;
+    choice.among(bench, now, candidates.leading(progress), options, progress)?;
+    if !choice.accepted() {
+        let others = candidates.others(&choice.refits, progress);
+        choice.among(bench, now, others, options, progress)?;
     }
     if !choice.accepted() {
         choice.among(bench, now, candidates.slight(progress), options, progress)?;

@@ -8,7 +8,7 @@ use super::noise::Noise;
 use super::revise::{better, needed};
 use super::round::{Round, one_round};
 use super::verdict::{ReasonCode, Verdict};
-use crate::demo::{Demo, SceneKind};
+use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
     Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, estimates,
@@ -117,13 +117,8 @@ impl Outcome {
     }
 }
 
-/// Last share of a demonstration that is held out when no other demonstration is.
-const HELD_OUT_SHARE: f64 = 0.3;
-/// Of so many poses at rest one is held out when no other demonstration is.
-const HELD_OUT_POSES: usize = 3;
-
 /// The problems where a loop fits and where it judges: other demonstrations where there are any, else
-/// the last part of the same, or every third pose where the rope hangs still.
+/// a part of the same ([`FrameShare::HeldOut`]).
 ///
 /// # Errors
 /// A demonstration cannot be simulated.
@@ -132,26 +127,12 @@ pub fn problems<'a>(
     held_out: &[&'a Demo],
     options: &LoopOptions,
 ) -> Result<(Problem<'a>, Problem<'a>), FitError> {
-    let mut fit = Problem::new(demos, options.resolution)?;
-    let judge = if held_out.is_empty() {
-        let mut last = Problem::new(demos, options.resolution)?;
-        let split = 1.0 - HELD_OUT_SHARE;
-        // Poses at rest have no order in time, but often one by angle: the last would be the most extreme.
-        let still = demos.iter().all(|demo| demo.spec.scene == SceneKind::Static);
-        [fit.frames, last.frames] = if still {
-            [
-                FrameShare::AllBut(HELD_OUT_POSES),
-                FrameShare::OneOf(HELD_OUT_POSES),
-            ]
-        } else {
-            let between = |from, to| FrameShare::Between { from, to };
-            [between(0.0, split), between(split, 1.0)]
-        };
-        last
-    } else {
-        Problem::new(held_out, options.resolution)?
-    };
-    Ok((fit, judge))
+    let all = Problem::new(demos, options.resolution)?;
+    if held_out.is_empty() {
+        let judge = all.clone().of_share(FrameShare::HeldOut);
+        return Ok((all.of_share(FrameShare::Fitted), judge));
+    }
+    Ok((all, Problem::new(held_out, options.resolution)?))
 }
 
 /// What the loop works on.
@@ -169,8 +150,7 @@ impl<'a> Bench<'a> {
         options: &LoopOptions,
     ) -> Result<Self, FitError> {
         let (fit, held_out) = problems(demos, held_out, options)?;
-        let mut finer = Problem::new(demos, options.finer)?;
-        finer.frames = fit.frames;
+        let finer = Problem::new(demos, options.finer)?.of_share(fit.frames);
         Ok(Self {
             fit,
             held_out,

@@ -10,8 +10,9 @@ use crate::observe::{Centreline, Row, Section, bracket, measure};
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
 use crate::sim::rollout::Track;
+use crate::sim::start::Start;
 use crate::sim::tensor::value3;
-use crate::sim::{Laned, Physics, Real, Rollout, Scene, SimError, simulate};
+use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, simulate_hung};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -66,27 +67,30 @@ pub struct Resolution {
 pub enum FrameShare {
     /// Everything.
     All,
-    /// From one share of the frames to another.
-    Between {
-        /// First share.
-        from: f64,
-        /// Last share.
-        to: f64,
-    },
-    /// The second of every `n` frames.
-    OneOf(usize),
-    /// All but the second of every `n` frames.
-    AllBut(usize),
+    /// What a model is fitted to where no other demonstration judges it.
+    Fitted,
+    /// What judges it then: the last part of a motion; of poses at rest every third, because they have no order in time,
+    /// but often one by angle, and the last would be the most extreme.
+    HeldOut,
 }
 
+/// Last share of a motion that is held out where no other demonstration is.
+const HELD_OUT_SHARE: f64 = 0.3;
+/// Of so many poses at rest one is held out.
+const HELD_OUT_POSES: usize = 3;
+
 impl FrameShare {
-    fn contains(&self, frame: usize, frames: usize) -> bool {
-        let share = frame as f64 / frames as f64;
-        match *self {
+    /// Whether a frame out of `frames` counts, of poses at rest where `rests` says so.
+    fn contains(self, frame: usize, frames: usize, rests: bool) -> bool {
+        let held_out = if rests {
+            frame % HELD_OUT_POSES == 1
+        } else {
+            frame as f64 / frames as f64 >= 1.0 - HELD_OUT_SHARE
+        };
+        match self {
             Self::All => true,
-            Self::Between { from, to } => share >= from && share < to,
-            Self::OneOf(n) => frame % n == 1,
-            Self::AllBut(n) => frame % n != 1,
+            Self::Fitted => !held_out,
+            Self::HeldOut => held_out,
         }
     }
 }
@@ -101,7 +105,7 @@ pub struct Problem<'a> {
     /// Factor on the declared noise, measured at rest without the model.
     pub noise_scale: f64,
     /// Which frames of each demonstration count; the others are left out.
-    pub frames: FrameShare,
+    pub(crate) frames: FrameShare,
     /// Which points of the rope the clouds hold.
     pub section: Section,
     /// Share by which the simulated bending stiffness may be off from the measured rope's.
@@ -155,6 +159,22 @@ impl<'a> Problem<'a> {
             section: Section::default(),
             stiffness_accuracy: STIFFNESS_ACCURACY,
         }
+    }
+
+    /// The same for a part of the frames; what comes after the last of them is not simulated.
+    pub fn of_share(mut self, frames: FrameShare) -> Self {
+        self.frames = frames;
+        for d in 0..self.demos.len() {
+            let rests = self.rests(d);
+            let times_s = &mut self.scenes[d].frame_times_s;
+            let counts = |&frame: &usize| frames.contains(frame, times_s.len(), rests);
+            let kept = (0..times_s.len()).rev().find(counts).map_or(0, |last| last + 1);
+            if kept < times_s.len() && !rests {
+                times_s.truncate(kept);
+                self.scenes[d].duration_s = times_s.last().copied().unwrap_or(0.0);
+            }
+        }
+        self
     }
 
     /// Whether every demonstration can be simulated with an effect: where a rope hangs is found without the way
@@ -347,9 +367,9 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Whether a rope hangs at its start: poses at rest take double precision.
-    pub(super) fn hangs(&self) -> bool {
-        self.scenes.iter().any(|scene| scene.start.hang().is_some())
+    /// Whether a demonstration is poses at rest: a search for them takes double precision throughout, tangents too.
+    pub(super) fn rests(&self, demo: usize) -> bool {
+        matches!(self.scenes[demo].start, Start::Poses(_))
     }
 
     /// The same problem, in which ropes that hang are sought where they rest at θ: a rope much like that one is found
@@ -414,17 +434,39 @@ impl<'a> Problem<'a> {
         theta: &[T],
         force_field: Option<ForceField<T>>,
     ) -> Result<Rollout<T>, FitError> {
+        let stopped = |error| simulation(self.demos[demo], error);
+        let scene = &self.scenes[demo];
         let mut physics = self.physics(demo, structure, theta);
         physics.force_field = force_field;
-        simulate(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
+        let hung = self.hung(demo, structure, theta).map_err(stopped)?;
+        simulate_hung(scene, &physics, hung).map_err(stopped)
+    }
+
+    /// How the rope of a demonstration that goes on in time hangs at its start, found in double precision.
+    fn hung<T: Laned>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Option<Hung<T>>, SimError> {
+        let scene = &self.scenes[demo];
+        if !matches!(scene.start, Start::Rest(_) | Start::Moving(_)) {
+            return Ok(None);
+        }
+        let double = |t: &T| T::Double::with_tangents(t.value(), |k| t.tangent(k));
+        let theta: Vec<T::Double> = theta.iter().map(double).collect();
+        let hung = Hung::of(scene, &self.physics(demo, structure, &theta))?;
+        Ok(hung.map(|hung| hung.in_numbers_of()))
     }
 
     /// Measures one demonstration against a prediction.
     fn rows_of(&self, demo: usize, arc_m: &[f64], frames: &[Vec<[f64; 3]>]) -> Result<Vec<Row>, FitError> {
+        let rests = self.rests(demo);
         let demo = self.demos[demo];
+        let seen = demo.times_s().len();
         let mut rows = Vec::new();
         for (frame, points_m) in frames.iter().enumerate() {
-            if !self.frames.contains(frame, frames.len()) {
+            if !self.frames.contains(frame, seen, rests) {
                 continue;
             }
             let line = Centreline {
@@ -474,7 +516,7 @@ impl<'a> Problem<'a> {
         pushed: Option<(&Pushes, &[f64])>,
     ) -> Result<Rollout<f32>, FitError> {
         let scene = &self.scenes[demo];
-        if self.hangs() {
+        if self.rests(demo) {
             let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
             return self.rollout_under(demo, structure, theta, field).map(rounded);
         }

@@ -97,7 +97,7 @@ impl Problem<'_> {
         rows: &[Row],
     ) -> Result<DMatrix<f64>, FitError> {
         let of_block = |block: usize| {
-            if self.hangs() {
+            if self.rests(demo) {
                 self.slopes_of_block::<f64>(demo, structure, theta, pushes, (block, rows))
             } else {
                 self.slopes_of_block::<f32>(demo, structure, theta, pushes, (block, rows))

@@ -306,7 +306,7 @@ impl Problem<'_> {
         theta: &[f64],
         columns: &[usize],
     ) -> Result<Part, FitError> {
-        if self.hangs() {
+        if self.rests(demo) {
             self.tangents_in::<f64, N>(demo, structure, theta, columns)
         } else {
             self.tangents_in::<f32, N>(demo, structure, theta, columns)
@@ -342,7 +342,7 @@ impl Problem<'_> {
         ends: [f64; 2],
     ) -> Result<Part, FitError> {
         let at = |value: f64| {
-            if self.hangs() {
+            if self.rests(demo) {
                 self.moved::<f64>(demo, structure, theta, (column, value))
             } else {
                 self.moved::<f32>(demo, structure, theta, (column, value))

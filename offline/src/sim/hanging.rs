@@ -1,6 +1,6 @@
 //! Ropes that hang: their masses, the state in which a rollout starts, and scenes without time.
 
-use super::error::{Cause, SimError};
+use super::error::SimError;
 use super::physics::Physics;
 use super::real::Real;
 use super::rollout::{Rollout, Track};
@@ -8,38 +8,64 @@ use super::scene::Scene;
 use super::start::{Hang, Start};
 use super::statics::{Nodes, Pose, Statics};
 use super::step::Particle;
-use super::tensor::{Vec3, add, scaled, sub, zero3};
+use super::tensor::{Mat3, Vec3, add, scaled, sub, zero3};
 use rayon::prelude::*;
 
-/// Brings the particles to where the scene starts, if the rope does not lie straight there. Returns the velocities of
-/// the nodes, m/s, if it moves.
-pub(super) fn hang<T: Real>(
-    scene: &Scene,
-    physics: &Physics<T>,
-    particles: &mut [Particle<T>],
-) -> Result<Option<Nodes<T>>, Cause> {
-    if let Start::Placed(placed) = &scene.start {
-        for (particle, at) in particles.iter_mut().zip(placed) {
-            particle.position_m = at.position_m.map(T::of);
-            particle.deformation_gradient = at.deformation_gradient.map(|row| row.map(T::of));
+/// A rope that hangs at the start of a scene with time.
+#[derive(Clone, Debug)]
+pub struct Hung<T> {
+    /// Place, m, and deformation gradient of every particle, slice by slice.
+    particles: Vec<(Vec3<T>, Mat3<T>)>,
+    /// Velocities of the nodes, m/s, if it moves.
+    pub(super) velocities_m_s: Option<Nodes<T>>,
+}
+
+impl<T: Real> Hung<T> {
+    /// Where the rope of a scene hangs at the start; nothing where it does not hang.
+    ///
+    /// # Errors
+    /// No rest state was found.
+    pub fn of(scene: &Scene, physics: &Physics<T>) -> Result<Option<Self>, SimError> {
+        let Some(hang) = scene.start.hang() else {
+            return Ok(None);
+        };
+        let statics = Statics::new(scene, physics);
+        let solve = |pose| statics.solve(pose).map_err(SimError::at_start);
+        let first = solve(&hang.poses[0])?;
+        let velocities_m_s = match (&scene.start, hang.poses.get(1)) {
+            (Start::Moving(_), Some(pose)) => {
+                let per_s = 1.0 / (pose.t_s - hang.poses[0].t_s);
+                let moved = solve(pose)?.into_iter().zip(&first);
+                Some(moved.map(|(b, a)| scaled(sub(b, *a), per_s)).collect())
+            }
+            _ => None,
+        };
+        let particles = 0..scene.layout().particles();
+        Ok(Some(Self {
+            particles: particles.map(|p| statics.particle(&first, p)).collect(),
+            velocities_m_s,
+        }))
+    }
+
+    /// The same in numbers of another precision with as many tangents.
+    pub fn in_numbers_of<U: Real>(&self) -> Hung<U> {
+        let vector = |v: &Vec3<T>| v.map(|x| U::with_tangents(x.value(), |k| x.tangent(k)));
+        let particle = |(place, f): &(Vec3<T>, Mat3<T>)| (vector(place), f.map(|row| vector(&row)));
+        Hung {
+            particles: self.particles.iter().map(particle).collect(),
+            velocities_m_s: self
+                .velocities_m_s
+                .as_ref()
+                .map(|v| v.iter().map(vector).collect()),
         }
     }
-    let Some(hang) = scene.start.hang() else {
-        return Ok(None);
-    };
-    let statics = Statics::new(scene, physics);
-    let first = statics.solve(&hang.poses[0])?;
-    let later = match (&scene.start, hang.poses.get(1)) {
-        (Start::Moving(_), Some(pose)) => Some((pose.t_s - hang.poses[0].t_s, statics.solve(pose)?)),
-        _ => None,
-    };
-    for (index, particle) in particles.iter_mut().enumerate() {
-        (particle.position_m, particle.deformation_gradient) = statics.particle(&first, index);
+
+    /// Brings the particles there.
+    pub(super) fn place(&self, particles: &mut [Particle<T>]) {
+        for (particle, at) in particles.iter_mut().zip(&self.particles) {
+            (particle.position_m, particle.deformation_gradient) = *at;
+        }
     }
-    Ok(later.map(|(after_s, nodes)| {
-        let pairs = nodes.iter().zip(&first);
-        pairs.map(|(b, a)| scaled(sub(*b, *a), 1.0 / after_s)).collect()
-    }))
 }
 
 /// A pose as it is seen, its particles where they are kept, and the grips' forces.

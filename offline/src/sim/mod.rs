@@ -131,8 +131,9 @@ mod widest;
 
 pub use dual::Dual;
 pub use error::{Cause, SimError};
+pub use hanging::Hung;
 pub use lanes::Laned;
 pub use physics::Physics;
 pub use real::{Arithmetic, Real};
-pub use rollout::{Rollout, simulate};
+pub use rollout::{Rollout, simulate, simulate_hung};
 pub use scene::Scene;

@@ -5,7 +5,7 @@ use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
-use super::hanging::{hang, hang_still};
+use super::hanging::{Hung, hang_still};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Laned, Portable};
@@ -100,18 +100,31 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    simulate_hung(scene, physics, None)
+}
+
+/// The same where it is known how the rope hangs at the start. Where it hangs takes double precision to find
+/// ([`Laned::Double`]), its motion from there does not.
+///
+/// # Errors
+/// A refusal or a stop, with step, time and cause.
+pub fn simulate_hung<T: Laned>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    hung: Option<Hung<T>>,
+) -> Result<Rollout<T>, SimError> {
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") {
             // SAFETY: the processor has the instructions that the function was compiled for.
-            return unsafe { run_avx512(scene, physics) };
+            return unsafe { run_avx512(scene, physics, hung) };
         }
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             // SAFETY: as above.
-            return unsafe { run_avx2(scene, physics) };
+            return unsafe { run_avx2(scene, physics, hung) };
         }
     }
-    run::<T, Sweep<T, Portable>>(scene, physics)
+    run::<T, Sweep<T, Portable>>(scene, physics, hung)
 }
 
 /// The same simulation, one particle after the other: slow and easy to read. It is what tests hold
@@ -120,30 +133,42 @@ pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, OneByOne<T>>(scene, physics)
+    run::<T, OneByOne<T>>(scene, physics, None)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-unsafe fn run_avx512<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, Sweep<T, Avx512>>(scene, physics)
+unsafe fn run_avx512<T: Laned>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    hung: Option<Hung<T>>,
+) -> Result<Rollout<T>, SimError> {
+    run::<T, Sweep<T, Avx512>>(scene, physics, hung)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn run_avx2<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, Sweep<T, Avx2>>(scene, physics)
+unsafe fn run_avx2<T: Laned>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    hung: Option<Hung<T>>,
+) -> Result<Rollout<T>, SimError> {
+    run::<T, Sweep<T, Avx2>>(scene, physics, hung)
 }
 
 #[inline(always)]
-fn run<T: Real, E: Engine<T>>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+fn run<T: Real, E: Engine<T>>(
+    scene: &Scene,
+    physics: &Physics<T>,
+    hung: Option<Hung<T>>,
+) -> Result<Rollout<T>, SimError> {
     if let Start::Poses(poses) = &scene.start {
         check_parameters(physics)?;
         scene.check()?;
         return hang_still(scene, physics, poses);
     }
     let setup = Setup::new(scene, physics)?;
-    let mut engine: E = setup.hanging_engine()?;
+    let mut engine: E = setup.hanging_engine(hung)?;
     let mut recorder = Recorder::new(scene);
     let mut state = 0;
     while state <= setup.steps {
@@ -270,13 +295,24 @@ impl<'a, T: Real> Setup<'a, T> {
         E::new(&self.context, layout, self.scene.grid, particles, material)
     }
 
-    /// The same where the rope may hang at the start.
-    fn hanging_engine<E: Engine<T>>(&self) -> Result<E, SimError> {
+    /// The same where the rope may hang at the start, as `hung` says where it is given.
+    fn hanging_engine<E: Engine<T>>(&self, hung: Option<Hung<T>>) -> Result<E, SimError> {
         let mut particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
-        let velocities =
-            hang(self.scene, self.context.physics, &mut particles).map_err(SimError::at_start)?;
+        if let Start::Placed(placed) = &self.scene.start {
+            for (particle, at) in particles.iter_mut().zip(placed) {
+                particle.position_m = at.position_m.map(T::of);
+                particle.deformation_gradient = at.deformation_gradient.map(|row| row.map(T::of));
+            }
+        }
+        let hung = match hung {
+            None => Hung::of(self.scene, self.context.physics)?,
+            known => known,
+        };
+        if let Some(hung) = &hung {
+            hung.place(&mut particles);
+        }
         let mut engine: E = self.engine_of(particles);
-        if let Some(velocities_m_s) = velocities {
+        if let Some(velocities_m_s) = hung.and_then(|hung| hung.velocities_m_s) {
             engine.set_node_velocities(&velocities_m_s);
         }
         Ok(engine)

@@ -157,26 +157,32 @@ pub trait Laned: Real + Channels<<Self as Real>::Base> {
     type Plain<I: Instructions>: Stepped<Scalar = Self::Base>;
     /// The number with a register in place of each of its channels.
     type Wide<I: Instructions>: Arithmetic + Channels<Self::Plain<I>>;
+    /// The same number in double precision, which a search for a rope at rest takes.
+    type Double: Laned;
 }
 
 impl Laned for f32 {
     type Plain<I: Instructions> = I::Single;
     type Wide<I: Instructions> = I::Single;
+    type Double = f64;
 }
 
 impl Laned for f64 {
     type Plain<I: Instructions> = I::Double;
     type Wide<I: Instructions> = I::Double;
+    type Double = f64;
 }
 
 impl<const N: usize> Laned for Dual<f32, N> {
     type Plain<I: Instructions> = I::Single;
     type Wide<I: Instructions> = Dual<I::Single, N>;
+    type Double = Dual<f64, N>;
 }
 
 impl<const N: usize> Laned for Dual<f64, N> {
     type Plain<I: Instructions> = I::Double;
     type Wide<I: Instructions> = Dual<I::Double, N>;
+    type Double = Dual<f64, N>;
 }
 
 /// Polar decomposition without a matrix iteration (Hoger and Carlson 1984; Franca 1989). With C = Fᵀ F

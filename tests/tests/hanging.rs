@@ -1,0 +1,199 @@
+//! Ropes that hang when a recording begins: their motion in single precision, and poses and a swing of one rope fitted
+//! together.
+
+use offline::demo::{
+    ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
+    StartState,
+};
+use offline::fit::{FrameShare, Problem, Resolution};
+use offline::model::Structure;
+use offline::observe::{bracket, interpolate};
+use offline::sim::tensor::value3;
+use offline::sim::{Dual, Hung, Laned, Physics, Real, Rollout, Scene, simulate, simulate_hung};
+
+const CELLS: f64 = 1.5;
+const LENGTH_M: f64 = 0.32;
+const YOUNG_PA: f64 = 2.0e6;
+const FRAME_S: f64 = 0.04;
+const MOVED_S: f64 = 0.8;
+/// Arc lengths of the markers, m.
+const SEEN_M: [f64; 4] = [0.12, 0.18, 0.25, 0.32];
+
+fn spec(scene: SceneKind, start: StartState) -> DemoSpec {
+    DemoSpec {
+        format: FORMAT.to_owned(),
+        scene,
+        noise_m: 0.001,
+        planar: true,
+        notes: String::new(),
+        start,
+        rope: RopeSpec {
+            length_m: LENGTH_M,
+            diameter_m: 0.02,
+            mass_kg: 0.3,
+            direction: [1.0, 0.0, 0.0],
+            end_mass_kg: 0.0,
+            roll_rad: 0.0,
+            assumed: Vec::new(),
+        },
+        table: None,
+        clamps: vec![ClampSpec {
+            end: RopeEnd::Start,
+            grip_m: 0.02,
+            direction: None,
+        }],
+        cameras: Vec::new(),
+    }
+}
+
+/// A demonstration with markers on a rope of [`YOUNG_PA`] whose clamp stands where `pose` says, m, turned down by so
+/// much, rad.
+fn recorded(name: &str, spec: DemoSpec, times_s: &[f64], pose: impl Fn(f64) -> ([f64; 3], f64)) -> Demo {
+    let clamp = times_s
+        .iter()
+        .map(|&t_s| {
+            let (position_m, down_rad) = pose(t_s);
+            let half = 0.5 * down_rad;
+            ClampSample {
+                t_s,
+                position_m,
+                quaternion_xyzw: [0.0, half.sin(), 0.0, half.cos()],
+                closed: true,
+            }
+        })
+        .collect();
+    let blank = times_s.iter().flat_map(|&t_s| {
+        SEEN_M.map(|s_m| MarkerSample {
+            t_s,
+            marker: format!("{s_m}"),
+            s_m,
+            position_m: [s_m, 0.0, 0.0],
+        })
+    });
+    let mut demo = Demo {
+        name: name.into(),
+        spec,
+        clamps: vec![clamp],
+        commanded: vec![None],
+        observations: Observations::Markers(blank.collect()),
+    };
+    let played = simulate(&Scene::of_demo(&demo, CELLS).unwrap(), &physics(YOUNG_PA.ln())).unwrap();
+    let Observations::Markers(markers) = &mut demo.observations else {
+        panic!("markers");
+    };
+    for (markers, line) in markers.chunks_mut(SEEN_M.len()).zip(&played.frames) {
+        for marker in markers {
+            marker.position_m = interpolate(line, bracket(&played.arc_m, marker.s_m));
+        }
+    }
+    demo
+}
+
+/// A rope that hangs from a level clamp, which is then moved back and forth.
+fn swing() -> Demo {
+    let times_s: Vec<f64> = (0..=20).map(|k| f64::from(k) * FRAME_S).collect();
+    let moved = |t_s: f64| {
+        [
+            0.1 * (1.0 - (std::f64::consts::TAU * t_s / MOVED_S).cos()),
+            0.0,
+            0.0,
+        ]
+    };
+    recorded(
+        "swing",
+        spec(SceneKind::Free, StartState::Rest),
+        &times_s,
+        |t_s| (moved(t_s), 0.0),
+    )
+}
+
+fn poses() -> Demo {
+    let angles_rad: Vec<f64> = (0..9).map(|k| 0.1 * f64::from(k)).collect();
+    recorded(
+        "poses",
+        spec(SceneKind::Static, StartState::Straight),
+        &angles_rad,
+        |down_rad| ([0.0; 3], down_rad),
+    )
+}
+
+/// The rope of a demonstration with ln E as its only input.
+fn physics<T: Real>(ln_young: T) -> Physics<T> {
+    Physics::base(ln_young.exp(), T::of(0.3), T::of(0.0))
+}
+
+/// What single precision makes of a rope whose first shape was found in double.
+fn in_single<T: Laned>(scene: &Scene, ln_young: T, double: T::Double) -> Rollout<T> {
+    let hung = Hung::of(scene, &physics(double)).unwrap().expect("it hangs");
+    simulate_hung(scene, &physics(ln_young), Some(hung.in_numbers_of())).unwrap()
+}
+
+/// 0.1 mm is a tenth of what cameras see at best; the rope moves by 200 mm, its slope by E is 20 mm per unit of ln E.
+#[test]
+fn a_rope_that_hung_moves_alike_in_single_precision() {
+    let demo = swing();
+    let scene = Scene::of_demo(&demo, CELLS).unwrap();
+    let ln_young = YOUNG_PA.ln();
+    let double = simulate(&scene, &physics(Dual::<f64, 1>::input(ln_young, 0))).unwrap();
+    let single = in_single(
+        &scene,
+        Dual::<f32, 1>::input(ln_young, 0),
+        Dual::input(ln_young, 0),
+    );
+    let tip = |frame: &[[Dual<f64, 1>; 3]]| value3(frame[frame.len() - 1]);
+    let moved = double.frames.iter().map(|frame| tip(frame)[0]);
+    let travel_m = moved.clone().fold(f64::MIN, f64::max) - moved.fold(f64::MAX, f64::min);
+    assert!(travel_m > 0.1, "the tip moves by {travel_m} m");
+    let (mut apart_m, mut slopes_apart_m, mut steepest_m) = (0f64, 0f64, 0f64);
+    for (a, b) in double.frames.iter().zip(&single.frames) {
+        for (p, q) in a.iter().zip(b) {
+            for k in 0..3 {
+                apart_m = apart_m.max((p[k].value() - q[k].value()).abs());
+                let (one, other) = (p[k].tangent[0], f64::from(q[k].tangent[0]));
+                slopes_apart_m = slopes_apart_m.max((one - other).abs());
+                steepest_m = steepest_m.max(one.abs());
+            }
+        }
+    }
+    println!("apart {apart_m:.1e} m, slopes {slopes_apart_m:.1e} of {steepest_m:.1e} m");
+    assert!(apart_m < 1e-4);
+    assert!(slopes_apart_m < 0.01 * steepest_m);
+}
+
+/// What is not fitted is not simulated either, and that changes nothing of what is.
+#[test]
+fn the_last_part_of_a_motion_and_every_third_pose_are_held_out() {
+    let (swing, poses) = (swing(), poses());
+    let demos = [&poses, &swing];
+    let all = Problem::new(&demos, Resolution { cells: CELLS }).unwrap();
+    let theta = [(1.3 * YOUNG_PA).ln(), 0.3];
+    let rows = |share| {
+        let problem = all.clone().of_share(share);
+        let ends_s = problem.scenes[1].duration_s;
+        let rows = problem.residuals(&Structure::default(), &theta).unwrap().rows;
+        (rows, ends_s)
+    };
+    let [(whole, end_s), (fitted, fitted_end_s), (held_out, held_out_end_s)] =
+        [FrameShare::All, FrameShare::Fitted, FrameShare::HeldOut].map(rows);
+    assert_eq!((end_s, held_out_end_s), (MOVED_S, MOVED_S));
+    assert!(fitted_end_s < 0.75 * MOVED_S, "simulated to {fitted_end_s} s");
+    for demo in 0..demos.len() {
+        let mut parts: Vec<_> = fitted[demo].iter().chain(&held_out[demo]).collect();
+        parts.sort_by_key(|row| row.frame);
+        assert_eq!(parts.len(), whole[demo].len());
+        for (part, row) in parts.iter().zip(&whole[demo]) {
+            assert_eq!((part.frame, part.offset_m), (row.frame, row.offset_m));
+        }
+        let frames = |rows: &[offline::observe::Row]| -> Vec<usize> {
+            let mut frames: Vec<usize> = rows.iter().map(|row| row.frame).collect();
+            frames.dedup();
+            frames
+        };
+        let expected: Vec<usize> = if demo == 0 {
+            vec![1, 4, 7]
+        } else {
+            (15..=20).collect()
+        };
+        assert_eq!(frames(&held_out[demo]), expected);
+    }
+}
