@@ -16,7 +16,9 @@ pub enum Start {
     Straight,
     /// At rest, hanging from its grips.
     Rest(Hang),
-    /// In motion: the shape of the first of two poses, with the velocity that leads to the second.
+    /// In motion: the shape of the first of two poses, with the velocity that leads to the second. The slope of the
+    /// parabola through three, better in principle, left no less of measured swings (19.5 for 19.2 mm of a rope held at
+    /// both ends, 47.9 for 45.6 mm of a cable).
     Moving(Hang),
     /// At rest, each particle where it is said, slice by slice.
     Placed(Vec<Placed>),

@@ -70,7 +70,7 @@ pub struct DemoForce {
     pub force_n_m: Vec<[[f64; 3]; KNOTS]>,
 }
 
-/// The force that would explain what the final model leaves; none for poses at rest, where no time passes.
+/// The force that would explain what the final model leaves of what moves; poses at rest, where no time passes, have none.
 ///
 /// # Errors
 /// A simulation stopped, or too little was measured.
@@ -79,7 +79,8 @@ pub fn residual_force(
     outcome: &Outcome,
     options: &LoopOptions,
 ) -> Result<Option<ResidualForce>, FitError> {
-    if demos.iter().any(|demo| demo.spec.scene == SceneKind::Static) {
+    let moves = |demo: &Demo| demo.spec.scene != SceneKind::Static;
+    if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }
     let all = Problem::new(demos, options.resolution)?;
@@ -90,7 +91,8 @@ pub fn residual_force(
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         estimate(&problem, &outcome.structure, theta, &noise)
     };
-    let found: Vec<Estimated> = demos.iter().zip(all.scenes).map(one).collect::<Result<_, _>>()?;
+    let moving = demos.iter().zip(all.scenes).filter(|(demo, _)| moves(demo));
+    let found: Vec<Estimated> = moving.map(one).collect::<Result<_, _>>()?;
     Ok(Some(summary(&found, options.seed)))
 }
 

@@ -27,7 +27,7 @@ use super::choice::tie_spread;
 use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome, problems};
 use super::verdict::Verdict;
-use crate::demo::Demo;
+use crate::demo::{Demo, SceneKind};
 use crate::effects;
 use crate::fit::{Correlation, FitError, Problem};
 use crate::sim::rope::RopeShape;
@@ -109,6 +109,8 @@ pub struct MotionProspect {
 struct Desk<'a> {
     problem: Problem<'a>,
     noise: Noise,
+    /// The demonstration whose motion is varied.
+    varied: usize,
     look: Look,
     options: &'a LoopOptions,
 }
@@ -129,7 +131,7 @@ pub fn advise(
                 .swing_risks(outcome)
                 .unwrap_or_else(|error| SwingRisks::missing(error.to_string()));
             progress("looking for the demonstration that would tell most");
-            let next_demonstration = desk.next(demos[0], outcome, &swing);
+            let next_demonstration = desk.next(demos[desk.varied], outcome, &swing);
             Advice {
                 next_demonstration,
                 swing,
@@ -169,7 +171,7 @@ pub fn separating(
         arcs_m: &desk.look.arcs_m,
         first_m: &desk.look.first_m,
     };
-    Some(match family(demos[0], places) {
+    Some(match family(demos[desk.varied], places) {
         Ok(candidates) => desk.tell_apart(&models, &candidates),
         Err(why) => NextDemonstration::nothing(why.into()),
     })
@@ -199,9 +201,13 @@ impl<'a> Desk<'a> {
     ) -> Result<Self, FitError> {
         let (mut problem, _) = problems(demos, held_out, options)?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        // Poses at rest have no motion to vary.
+        let moves = |demo: &&Demo| demo.spec.scene != SceneKind::Static;
+        let varied = demos.iter().position(moves).unwrap_or(0);
         Ok(Self {
             noise: Noise::at_rest(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
-            look: Look::of(demos[0], &outcome.fitted.best.rows[0]),
+            varied,
+            look: Look::of(demos[varied], &outcome.fitted.best.rows[varied]),
             problem,
             options,
         })
