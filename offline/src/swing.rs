@@ -55,7 +55,7 @@ impl SimulatedSwing {
         physics
     }
 
-    /// The reach of a rope that does not remember its way, in legs: near its rest, to it by Newton's method, and the
+    /// The reach of a rope whose rest does not depend on the way there, in legs: near its rest, to it by Newton's method, and the
     /// swing. Simulated to its rest it would need double precision, because in single a rope that has fallen out of
     /// the plane never gets there, and up to two seconds.
     ///
@@ -96,10 +96,11 @@ impl Swinger for SimulatedSwing {
         let physics = self.physics::<f64>(young_pa, poisson, LEAN_RAD);
         // A gripper that opens late shall not cut the swing short.
         scene.duration_s += physics.release_delay_s;
-        let reach_m = if physics.remembers() {
-            simulate(&scene, &physics).map(|rollout| rollout.reach_m)
-        } else {
+        // What a rope remembers of its strain has died out at rest; where it flowed it rests elsewhere.
+        let reach_m = if physics.flow_laws.is_empty() {
             self.reach_in_legs(&scene, young_pa, poisson)
+        } else {
+            simulate(&scene, &physics).map(|rollout| rollout.reach_m)
         };
         reach_m
             .map_err(|error| refusal(&error))?

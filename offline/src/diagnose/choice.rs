@@ -1,6 +1,8 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
-use super::gates::{Gate, pass_in_company, refinement_gate, taken_away_mm};
+use super::gates::{
+    Gate, MOST, excess_removed, pass_in_company, pass_overdone, refinement_gate, taken_away_mm,
+};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
 use crate::effects;
@@ -50,15 +52,12 @@ impl Standing {
 }
 
 /// What a round came to.
-#[derive(Default)]
 pub(super) enum Found {
     /// A model with one more effect that passed every gate.
     Accepted(Standing),
-    /// The best of those that fail only because of what another cause that is missing beside them does.
-    InCompany(Standing),
-    /// Nothing.
-    #[default]
-    Nothing,
+    /// Models with one more effect that may be right in company of another that is missing, likelier first; none where
+    /// there is nothing.
+    OnTrial(Vec<Standing>),
 }
 
 /// What the refits of a round have come to so far.
@@ -67,13 +66,27 @@ pub(super) struct Choice {
     /// All of them, the likelier first of those that were judged together.
     pub(super) refits: Vec<Refit>,
     /// The winner and those that tie with it.
-    pub(super) found: Found,
+    accepted: Option<Standing>,
+    /// The best of those that fail only because of what another cause that is missing beside them does.
+    in_company: Option<Standing>,
+    /// The best of those that take away most where fitted, but with a value beyond what is physical: it makes up for
+    /// another cause, as a cable's end mass and stiffness do for its curl.
+    overdone: Option<Standing>,
 }
 
 impl Choice {
     /// Whether there is a winner.
     pub(super) fn accepted(&self) -> bool {
-        matches!(self.found, Found::Accepted(_))
+        self.accepted.is_some()
+    }
+
+    /// All refits, and what they came to.
+    pub(super) fn end(self) -> (Vec<Refit>, Found) {
+        let found = match self.accepted {
+            Some(winner) => Found::Accepted(winner),
+            None => Found::OnTrial(self.in_company.into_iter().chain(self.overdone).collect()),
+        };
+        (self.refits, found)
     }
 
     /// Chooses among further refits of the model `now` where none was accepted before; the finer grid is tried on those
@@ -102,27 +115,34 @@ impl Choice {
                 held: refit.held_out.clone(),
                 rivals: Vec::new(),
             };
-            self.consider(&refit, standing);
+            self.consider(&refit, standing, &left);
             self.refits.push(refit);
         }
         Ok(())
     }
 
-    /// Takes a model for the winner, or for one that ties with it, if it is.
-    fn consider(&mut self, refit: &Refit, model: Standing) {
-        match &mut self.found {
-            Found::Accepted(best) if refit.passed && ties(&best.fitted, &model.fitted) => {
-                best.rivals.push(refit.id.clone());
+    /// Takes a model for the winner, for one that ties with it, or for one that may be right in company, if it is;
+    /// `left` is what was left without it.
+    fn consider(&mut self, refit: &Refit, model: Standing, left: &ResidualSummary) {
+        let better = |best: &Option<Standing>, of: fn(&Standing) -> f64| {
+            best.as_ref().is_none_or(|best| of(&model) < of(best))
+        };
+        if refit.passed {
+            match &mut self.accepted {
+                Some(best) if ties(&best.fitted, &model.fitted) => best.rivals.push(refit.id.clone()),
+                Some(_) => {}
+                None => self.accepted = Some(model),
             }
-            Found::Nothing | Found::InCompany(_) if refit.passed => self.found = Found::Accepted(model),
-            Found::Nothing if pass_in_company(&refit.gates) => self.found = Found::InCompany(model),
+        } else if pass_in_company(&refit.gates) {
             // With another cause missing few offsets are independent, and the rig's care would decide alone.
-            Found::InCompany(best)
-                if pass_in_company(&refit.gates) && model.held.rms_mm < best.held.rms_mm =>
-            {
-                *best = model;
+            if better(&self.in_company, |model| model.held.rms_mm) {
+                self.in_company = Some(model);
             }
-            _ => {}
+        } else if pass_overdone(&refit.gates)
+            && excess_removed(left, &refit.fit, 0.0) >= MOST
+            && better(&self.overdone, |model| model.fitted.cost)
+        {
+            self.overdone = Some(model);
         }
     }
 }
@@ -255,5 +275,59 @@ mod tests {
             "tilted_gravity",
             "where nothing else explains it"
         );
+    }
+
+    /// Seen on a cable whose end mass and curl were both unknown: the mass alone went to the end of its range, took away
+    /// three quarters of what was left, and was refused for its value.
+    #[test]
+    fn what_makes_up_for_another_cause_goes_along_where_nothing_else_does() {
+        let mut choice = Choice::default();
+        let left = tried("tip_mass", &[0.0], 40.0).0.fit;
+        let mut consider = |id: &str, mm: f64, failed: &[&str]| {
+            let (mut refit, structure, fitted) = tried(id, &[0.5], mm);
+            refit.passed = false;
+            refit.gates = failed
+                .iter()
+                .map(|name| Gate {
+                    name: (*name).into(),
+                    passed: false,
+                    detail: String::new(),
+                })
+                .collect();
+            let held = refit.held_out.clone();
+            let model = Standing {
+                structure,
+                fitted,
+                held,
+                rivals: Vec::new(),
+            };
+            choice.consider(&refit, model, &left);
+            let name = |model: &Option<Standing>| model.as_ref().and_then(Standing::last_effect);
+            [&choice.in_company, &choice.overdone].map(name)
+        };
+        let [nothing, tip_mass, curl] = ["", "tip_mass", "rest_curvature"].map(|id| Some(id.to_owned()));
+        let nothing = nothing.filter(|id| !id.is_empty());
+        let beyond = &["physical value", "held-out gain"];
+        let all = [
+            (consider("density_gradient", 36.0, beyond), [&nothing, &nothing]),
+            (consider("tip_mass", 19.0, beyond), [&nothing, &tip_mass]),
+            (consider("air_drag", 22.0, beyond), [&nothing, &tip_mass]),
+            (
+                consider("yield", 15.0, &["grid refinement"]),
+                [&nothing, &tip_mass],
+            ),
+            (
+                consider("rest_curvature", 30.0, &["off nothing"]),
+                [&curl, &tip_mass],
+            ),
+        ];
+        for (got, wanted) in all {
+            assert_eq!(got.each_ref(), wanted);
+        }
+        let Found::OnTrial(models) = choice.end().1 else {
+            panic!("nothing passed");
+        };
+        let order: Vec<Option<String>> = models.iter().map(Standing::last_effect).collect();
+        assert_eq!(order, [curl, tip_mass]);
     }
 }

@@ -69,7 +69,7 @@ pub(super) fn statistical_gates(
     vec![
         significant(score, fit_before, &refit.fit),
         Gate::new(
-            "held-out gain",
+            HELD_OUT_GAIN,
             held_gain >= options.smallest_gain,
             format!(
                 "held-out error {:.2} to {:.2} mm, {:.0} % less",
@@ -124,15 +124,29 @@ fn significant(score: &Score, before: &ResidualSummary, after: &ResidualSummary)
 }
 
 const OFF_NOTHING: &str = "off nothing";
-/// Share of the excess where held out from which on an effect is more than nothing, whatever the fitted offsets tell.
-const MOST_HELD_OUT: f64 = 0.5;
+const PHYSICAL_VALUE: &str = "physical value";
+const HELD_OUT_GAIN: &str = "held-out gain";
+/// Share of an excess that counts as most of it.
+pub(super) const MOST: f64 = 0.5;
 const HELD_OUT_SHARE: &str = "explained share, held out";
 
 /// Whether an effect may be a cause beside another that is still missing: what that does to the rope leaves few
 /// independent offsets to judge by, and grows where the fit does not hold it down.
 pub(super) fn pass_in_company(gates: &[Gate]) -> bool {
-    let forgiven = |gate: &Gate| [OFF_NOTHING, HELD_OUT_SHARE].contains(&gate.name.as_str());
-    gates.iter().all(|gate| gate.passed || forgiven(gate))
+    pass_but(gates, &[OFF_NOTHING, HELD_OUT_SHARE])
+}
+
+/// Whether an effect fails no more than by making up for another that is missing, beyond what is physical.
+pub(super) fn pass_overdone(gates: &[Gate]) -> bool {
+    pass_but(
+        gates,
+        &[OFF_NOTHING, HELD_OUT_SHARE, PHYSICAL_VALUE, HELD_OUT_GAIN],
+    )
+}
+
+fn pass_but(gates: &[Gate], forgiven: &[&str]) -> bool {
+    let passes = |gate: &Gate| gate.passed || forgiven.contains(&gate.name.as_str());
+    gates.iter().all(passes)
 }
 
 /// Whether every effect of a model has a physical value, and those before the last, which has passed its own gates, one
@@ -161,7 +175,7 @@ fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
     } else {
         "at or beyond its physical range"
     };
-    Gate::new("physical value", inside, told.into())
+    Gate::new(PHYSICAL_VALUE, inside, told.into())
 }
 
 /// The model must be worse without the effect: the likelihood ratio of Wilks (1938), for as many independent offsets as
@@ -171,12 +185,12 @@ fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
 ///
 /// Where other causes are missing too, what they leave in the slow swing of a real cable hangs together so much that
 /// it counts as one independent offset or less, and no ratio tells anything. What then was not fitted and is better by
-/// half ([`MOST_HELD_OUT`]) tells it: a model with an effect that is nothing does not foresee what comes.
+/// half ([`MOST`]) tells it: a model with an effect that is nothing does not foresee what comes.
 fn off_nothing(free: usize, left: [&ResidualSummary; 2], held_removed: f64) -> Gate {
     let [statistic, by_chance] = likelihood_ratio(free, left);
     Gate::new(
         OFF_NOTHING,
-        statistic > by_chance || held_removed >= MOST_HELD_OUT,
+        statistic > by_chance || held_removed >= MOST,
         format!(
             "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; {:.0} % of the \
              excess over the noise where held out",

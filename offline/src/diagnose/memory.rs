@@ -14,6 +14,7 @@ pub struct Memory {
     pub(super) base: KeptFit,
     pub(super) now: KeptModel,
     pub(super) on_trial_since: Option<KeptModel>,
+    pub(super) waiting: Vec<KeptModel>,
     pub(super) rounds: Vec<Round>,
 }
 

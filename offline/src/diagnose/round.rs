@@ -73,10 +73,10 @@ pub(super) fn one_round(
     if !choice.accepted() {
         choice.among(bench, now, candidates.slight(progress), options, progress)?;
     }
-    let Choice { refits, found } = choice;
+    let (refits, found) = choice.end();
     let accepted = match &found {
         Found::Accepted(next) => next.last_effect(),
-        Found::InCompany(_) | Found::Nothing => None,
+        Found::OnTrial(_) => None,
     };
     let round = Round {
         known: structure.ids(),

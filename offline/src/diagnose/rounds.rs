@@ -2,7 +2,7 @@
 
 use super::choice::{Found, Standing};
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
-use super::gates::all_physical;
+use super::gates::{MOST, all_physical, excess_removed};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::revise::{better, needed};
@@ -300,6 +300,7 @@ pub fn resume_loop(
             base: KeptFit::of(&base),
             now: KeptModel::of(&so_far.now),
             on_trial_since: so_far.on_trial_since.as_ref().map(KeptModel::of),
+            waiting: so_far.waiting.iter().map(KeptModel::of).collect(),
             rounds: so_far.rounds.clone(),
         });
     };
@@ -345,6 +346,8 @@ struct SoFar {
     now: Standing,
     /// The model before the effect that goes along on trial.
     on_trial_since: Option<Standing>,
+    /// Models with another effect that go along if that one fails.
+    waiting: Vec<Standing>,
     rounds: Vec<Round>,
 }
 
@@ -353,7 +356,8 @@ struct SoFar {
 ///
 /// Two causes can hide each other: what one leaves makes the likelihood of the other say little, and frames that are
 /// held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
-/// round more. Both are accepted where they explain it together, and neither otherwise.
+/// round more, and if that fails what only makes up for another. Both are accepted where they explain it together, or
+/// most of it where fitted and where held out, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,
@@ -382,19 +386,23 @@ fn all_rounds(
                 if let Some(trial) = at.rounds.last_mut() {
                     trial.accepted = at.now.last_effect().filter(stays);
                 }
+                at.waiting.clear();
                 at.now = next;
             }
             (_, Some(before)) => {
                 progress("the effect on trial does not explain it in company either");
                 // What this round says is said of a model that is given up.
                 at.now = before;
+                if at.next_on_trial(progress) {
+                    continue;
+                }
                 break;
             }
-            (Found::InCompany(next), None) if physical_effects(&next.structure) < options.max_effects => {
-                progress("nothing passes alone: the best goes along on trial");
-                at.on_trial_since = Some(std::mem::replace(&mut at.now, next));
+            (Found::OnTrial(models), None) => {
+                let room = |model: &Standing| physical_effects(&model.structure) < options.max_effects;
+                at.waiting = models.into_iter().filter(room).collect();
+                done = !at.next_on_trial(progress);
             }
-            (_, None) => done = true,
         }
         at.rounds.push(round);
         library = Some(slopes);
@@ -409,6 +417,7 @@ impl SoFar {
         Self {
             now: start,
             on_trial_since: None,
+            waiting: Vec::new(),
             rounds: Vec::new(),
         }
     }
@@ -418,8 +427,25 @@ impl SoFar {
         Ok(Self {
             now: memory.now.again(bench)?,
             on_trial_since: memory.on_trial_since.map(|kept| kept.again(bench)).transpose()?,
+            waiting: memory
+                .waiting
+                .iter()
+                .map(|kept| kept.again(bench))
+                .collect::<Result<_, _>>()?,
             rounds: memory.rounds,
         })
+    }
+
+    /// Lets the next model go along for a round; whether there is one.
+    fn next_on_trial(&mut self, progress: &dyn Fn(&str)) -> bool {
+        if self.waiting.is_empty() {
+            return false;
+        }
+        let next = self.waiting.remove(0);
+        let id = next.last_effect().unwrap_or_default();
+        progress(&format!("nothing passes alone: {id} goes along on trial"));
+        self.on_trial_since = Some(std::mem::replace(&mut self.now, next));
+        true
     }
 
     /// Whether there is something left that a further round could explain.
@@ -437,11 +463,14 @@ fn physical_effects(structure: &Structure) -> usize {
     structure.effects.iter().filter(physical).count()
 }
 
-/// Whether a model explains what one before it left, with physical values throughout.
+/// Whether a model explains what one before it left, or most of it where fitted and where held out, with physical values
+/// throughout.
 fn complete(bench: &Bench, before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
-    let left = ResidualSummary::of(&before.fitted.best);
+    let [left, leaves] = [before, after].map(|model| ResidualSummary::of(&model.fitted.best));
     let numerical_mm = rounds.last().map_or(0.0, |round| round.table.discretisation_mm);
-    explains(&left, &after.fitted, bench.doubt(&after.fitted), numerical_mm)
+    let most = |before, after| excess_removed(before, after, numerical_mm) >= MOST;
+    let explained = explains(&left, &after.fitted, bench.doubt(&after.fitted), numerical_mm);
+    (explained || most(&left, &leaves) && most(&before.held, &after.held))
         && all_physical(&after.structure, &estimates(&after.fitted.best, &after.structure))
 }
 
