@@ -54,7 +54,7 @@ impl Standing {
 /// What a round came to.
 pub(super) enum Found {
     /// A model with one more effect that passed every gate.
-    Accepted(Standing),
+    Accepted(Box<Standing>),
     /// Models with one more effect that may be right in company of another that is missing, likelier first; none where
     /// there is nothing.
     OnTrial(Vec<Standing>),
@@ -83,7 +83,7 @@ impl Choice {
     /// All refits, and what they came to.
     pub(super) fn end(self) -> (Vec<Refit>, Found) {
         let found = match self.accepted {
-            Some(winner) => Found::Accepted(winner),
+            Some(winner) => Found::Accepted(Box::new(winner)),
             None => Found::OnTrial(self.in_company.into_iter().chain(self.overdone).collect()),
         };
         (self.refits, found)

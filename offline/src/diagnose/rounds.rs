@@ -2,7 +2,7 @@
 
 use super::choice::{Found, Standing};
 use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
-use super::gates::{MOST, all_physical, excess_removed};
+use super::gates::{MOST, all_physical, excess_removed, within_ranges};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::revise::{better, needed};
@@ -373,21 +373,21 @@ fn all_rounds(
         let (mut round, found, slopes) = one_round(bench, &at.now, options, progress)?;
         let found = match found {
             Found::Accepted(next) => {
-                let (next, dropped) = needed(bench, &at.now, next, progress);
+                let (next, dropped) = needed(bench, &at.now, *next, progress);
                 round.dropped = dropped;
-                Found::Accepted(next)
+                Found::Accepted(Box::new(next))
             }
             other => other,
         };
         match (found, at.on_trial_since.take()) {
-            (Found::Accepted(next), None) => at.now = next,
+            (Found::Accepted(next), None) => at.now = *next,
             (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &at.rounds) => {
                 let stays = |id: &String| !round.dropped.contains(id);
                 if let Some(trial) = at.rounds.last_mut() {
                     trial.accepted = at.now.last_effect().filter(stays);
                 }
                 at.waiting.clear();
-                at.now = next;
+                at.now = *next;
             }
             (_, Some(before)) => {
                 progress("the effect on trial does not explain it in company either");
@@ -463,15 +463,16 @@ fn physical_effects(structure: &Structure) -> usize {
     structure.effects.iter().filter(physical).count()
 }
 
-/// Whether a model explains what one before it left, or most of it where fitted and where held out, with physical values
-/// throughout.
+/// Whether a model explains what one before it left with values that are physical and not nothing; or most of it where
+/// fitted and where held out with physical values: what it does not need has been taken out of it ([`needed`]).
 fn complete(bench: &Bench, before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
     let [left, leaves] = [before, after].map(|model| ResidualSummary::of(&model.fitted.best));
     let numerical_mm = rounds.last().map_or(0.0, |round| round.table.discretisation_mm);
     let most = |before, after| excess_removed(before, after, numerical_mm) >= MOST;
+    let values = estimates(&after.fitted.best, &after.structure);
     let explained = explains(&left, &after.fitted, bench.doubt(&after.fitted), numerical_mm);
-    (explained || most(&left, &leaves) && most(&before.held, &after.held))
-        && all_physical(&after.structure, &estimates(&after.fitted.best, &after.structure))
+    explained && all_physical(&after.structure, &values)
+        || most(&left, &leaves) && most(&before.held, &after.held) && within_ranges(&after.structure, &values)
 }
 
 /// Whether the last round explained everything but what the simulation itself is known to be off by. No
