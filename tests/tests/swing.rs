@@ -12,15 +12,7 @@ use shared::task::SwingTask;
 
 /// Largest x of the tip in a swing whose gravity leans out of the plane by `lean_rad`.
 fn reach_m(scene: &Scene, young_pa: f64, lean_rad: f64) -> f64 {
-    damped_reach_m(scene, young_pa, lean_rad, 0.0)
-}
-
-/// The same where the rope is damped inside, by a retardation time in s.
-fn damped_reach_m(scene: &Scene, young_pa: f64, lean_rad: f64, damping_s: f64) -> f64 {
-    let mut physics = with_effect("tilted_gravity", &[0.0, lean_rad], elastic(young_pa));
-    if damping_s > 0.0 {
-        physics = with_effect("internal_damping", &[damping_s], physics);
-    }
+    let physics = with_effect("tilted_gravity", &[0.0, lean_rad], elastic(young_pa));
     simulate(scene, &physics).unwrap().reach_m.unwrap()
 }
 
@@ -47,7 +39,7 @@ const RELEASES_M: [[f64; 2]; 6] = [
 const YOUNG_PA: [f64; 3] = [0.3e6, 0.9e6, 3e6];
 
 /// The true approach, gently damped until the rope is at rest: what a patient robot would release.
-fn from_rest(release_m: [f64; 2]) -> Scene {
+fn reach_from_rest_m(release_m: [f64; 2], young_pa: f64, lean_rad: f64) -> f64 {
     let task = SwingTask {
         dwell_s: 6.0,
         ..SwingTask::PAPER
@@ -58,13 +50,13 @@ fn from_rest(release_m: [f64; 2]) -> Scene {
         rate_per_s: 5.0,
         still_m_s: 0.0,
     });
-    scene
+    reach_m(&scene, young_pa, lean_rad)
 }
 
 /// How much further the quick, damped approach reaches than that.
 fn off_m(release_m: [f64; 2], young_pa: f64, lean_rad: f64) -> f64 {
     let quick = Scene::swing_settled(rope(0.25, 0.014), &SwingTask::PAPER, release_m, 1.5).unwrap();
-    let off_m = reach_m(&quick, young_pa, lean_rad) - reach_m(&from_rest(release_m), young_pa, lean_rad);
+    let off_m = reach_m(&quick, young_pa, lean_rad) - reach_from_rest_m(release_m, young_pa, lean_rad);
     println!(
         "release {release_m:?}, E {young_pa:.1e} Pa: {:+.3} mm",
         1e3 * off_m
@@ -72,42 +64,19 @@ fn off_m(release_m: [f64; 2], young_pa: f64, lean_rad: f64) -> f64 {
     off_m
 }
 
-fn policy_swing(effects: &[&str], values: &[f64]) -> SimulatedSwing {
-    SimulatedSwing {
-        rope: rope(0.25, 0.014),
-        task: SwingTask::PAPER,
-        structure: Structure::of_ids(&effects.iter().map(ToString::to_string).collect::<Vec<_>>()),
-        effect_values: values.to_vec(),
-        resolution: Resolution { cells: 1.5 },
-    }
-}
-
-/// What a damped rope remembers of its strain has died out where it rests, so its swing begins like any other: 0.1 mm as
-/// above.
-#[test]
-fn the_swing_of_a_damped_rope_begins_at_its_rest() {
-    const DAMPING_S: f64 = 0.005;
-    let swing = policy_swing(&["internal_damping"], &[DAMPING_S]);
-    for release_m in [RELEASES_M[0], RELEASES_M[3]] {
-        let reach_m = swing.reach_m(YOUNG_PA[1], POISSON, release_m).unwrap();
-        let from_rest_m = damped_reach_m(&from_rest(release_m), YOUNG_PA[1], LEAN_RAD, DAMPING_S);
-        let off_m = reach_m - from_rest_m;
-        println!(
-            "release {release_m:?}: {from_rest_m:.4} m, {:+.3} mm",
-            1e3 * off_m
-        );
-        assert!(off_m.abs() < 1e-4, "{release_m:?}: {off_m}");
-    }
-}
-
 /// The policy's swings: in legs, single precision, and their rest by Newton's method.
 #[test]
 fn a_swing_of_the_policy_begins_at_the_rest_of_the_true_approach() {
+    let swing = SimulatedSwing {
+        rope: rope(0.25, 0.014),
+        task: SwingTask::PAPER,
+        structure: Structure::default(),
+        effect_values: Vec::new(),
+        resolution: Resolution { cells: 1.5 },
+    };
     let check = |release_m: [f64; 2], young_pa: f64| {
-        let reach_m = policy_swing(&[], &[])
-            .reach_m(young_pa, POISSON, release_m)
-            .unwrap();
-        let off_m = reach_m - self::reach_m(&from_rest(release_m), young_pa, LEAN_RAD);
+        let reach_m = swing.reach_m(young_pa, POISSON, release_m).unwrap();
+        let off_m = reach_m - reach_from_rest_m(release_m, young_pa, LEAN_RAD);
         println!(
             "release {release_m:?}, E {young_pa:.1e} Pa: {:+.3} mm",
             1e3 * off_m
