@@ -8,14 +8,16 @@ mod problem;
 mod profile;
 mod push;
 mod sensitivity;
+mod share;
 mod solver;
 mod uncertainty;
 
 pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
-pub use problem::{Evaluation, FitError, FrameShare, Library, Problem, Resolution};
+pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
+pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_from, fit_from_first, fit_starts};
 pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};

@@ -3,13 +3,35 @@
 use super::error::SimError;
 use super::physics::Physics;
 use super::real::Real;
-use super::rollout::{Rollout, Track};
+use super::rollout::{Rollout, Track, perpendicular};
+use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::{Hang, Start};
 use super::statics::{Nodes, Pose, Statics};
 use super::step::Particle;
 use super::tensor::{Mat3, Vec3, add, scaled, sub, zero3};
 use rayon::prelude::*;
+
+/// Particles of the undeformed rope at rest.
+pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
+    let (side, up) = perpendicular(scene.direction);
+    let straight = std::array::from_fn(|k| [scene.direction[k], side[k], up[k]].map(T::of));
+    (0..layout.particles())
+        .map(|index| {
+            let material_m = layout.material_m(index);
+            Particle {
+                position_m: scene.straight_m(material_m).map(T::of),
+                velocity_m_s: zero3(),
+                deformation_rate: [zero3(); 3],
+                deformation_gradient: straight,
+                mass_kg: masses_kg[index],
+                volume_m3: layout.particle_volume_m3(index),
+                length_m: layout.particle_length_m(index),
+                grip: scene.grip_offset(material_m),
+            }
+        })
+        .collect()
+}
 
 /// A rope that hangs at the start of a scene with time.
 #[derive(Clone, Debug)]

@@ -126,6 +126,7 @@ pub mod step;
 mod stiffness;
 mod sweep;
 pub mod tensor;
+mod track;
 mod transfer;
 mod widest;
 

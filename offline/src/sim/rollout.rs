@@ -5,6 +5,7 @@ use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
+pub use super::hanging::initial_particles;
 use super::hanging::{Hung, hang_still};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
@@ -18,7 +19,8 @@ use super::scene::{Grip, Scene, fastest_pa, require};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
-use super::tensor::{Vec3, add, mul, scaled, sub, zero3};
+use super::tensor::{Vec3, add, scaled, sub};
+pub use super::track::Track;
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -43,56 +45,6 @@ pub struct Rollout<T> {
     pub steps: usize,
     /// Time step, s.
     pub dt_s: f64,
-}
-
-/// A centreline in motion.
-#[derive(Clone, Debug)]
-pub struct Track<T> {
-    /// One point per slice, m.
-    pub points_m: Vec<Vec3<T>>,
-    /// Their velocities, m/s.
-    pub velocities_m_s: Vec<Vec3<T>>,
-}
-
-impl<T: Real> Track<T> {
-    /// What the cameras report of it. The clocks' offset has chosen the time already; what is left of
-    /// it here are its tangents.
-    pub fn seen(&self, physics: &Physics<T>, pivot_m: [f64; 3]) -> Vec<Vec3<T>> {
-        let mut frame = self.points_m.clone();
-        if physics.observation_laws.is_empty() {
-            return frame;
-        }
-        let offset_s = physics.clock_offset_s();
-        let tangents_s = T::of(offset_s.value()) - offset_s;
-        for (point, &velocity) in frame.iter_mut().zip(&self.velocities_m_s) {
-            *point = add(*point, mul(velocity, tangents_s));
-            for law in &physics.observation_laws {
-                *point = add(*point, law.displacement_m(*point, pivot_m));
-            }
-        }
-        frame
-    }
-}
-
-/// Particles of the undeformed rope at rest.
-pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Vec<Particle<T>> {
-    let (side, up) = perpendicular(scene.direction);
-    let straight = std::array::from_fn(|k| [scene.direction[k], side[k], up[k]].map(T::of));
-    (0..layout.particles())
-        .map(|index| {
-            let material_m = layout.material_m(index);
-            Particle {
-                position_m: scene.straight_m(material_m).map(T::of),
-                velocity_m_s: zero3(),
-                deformation_rate: [zero3(); 3],
-                deformation_gradient: straight,
-                mass_kg: masses_kg[index],
-                volume_m3: layout.particle_volume_m3(index),
-                length_m: layout.particle_length_m(index),
-                grip: scene.grip_offset(material_m),
-            }
-        })
-        .collect()
 }
 
 /// Simulates a scene, on the widest registers that this processor has.
