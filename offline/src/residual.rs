@@ -1,7 +1,7 @@
 //! What a model does not explain, in millimetres over arc length and time, next to its noise, which
 //! is measured without the model.
 
-use crate::demo::{Demo, SceneKind, StartState};
+use crate::demo::{Demo, StartState};
 use crate::fit::{Correlation, Evaluation};
 use crate::observe::{Row, station_arcs_m};
 use serde::{Deserialize, Serialize};
@@ -76,7 +76,7 @@ impl ResidualMap {
 pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
     const MOVED_M: f64 = 1e-4;
     const TURNED: f64 = 1e-4;
-    if demo.spec.scene == SceneKind::Static || demo.spec.start == StartState::Moving {
+    if demo.spec.is_static() || demo.spec.start == StartState::Moving {
         return 0;
     }
     let moves_at = demo

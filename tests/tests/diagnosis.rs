@@ -44,7 +44,9 @@ fn diagnosed(fit: &[&Demo], held_out: &[&Demo]) -> Outcome {
         for refit in &round.refits {
             println!(
                 "  refit {}: {:.3} mm, held out {:.3} mm",
-                refit.id, refit.fit.rms_mm, refit.held_out.rms_mm
+                refit.ids.join(" + "),
+                refit.fit.rms_mm,
+                refit.held_out.rms_mm
             );
             for gate in &refit.gates {
                 println!(
@@ -89,7 +91,7 @@ fn a_diagnosis_goes_on_from_what_it_kept_before_a_round() {
     options.hidden = (0..effects::ALL.len())
         .filter(|&e| causes.iter().all(|cause| cause.id != effects::ALL[e].id))
         .collect();
-    // Alone, neither cause explains the usual share: the mass goes along on trial, which has to be kept as well.
+    // Alone, neither cause explains the usual share.
     options.smallest_share = 0.1;
     let kept = RefCell::new(Vec::new());
     let keep = |memory: &Memory| kept.borrow_mut().push(postcard::to_stdvec(memory).unwrap());
@@ -197,11 +199,12 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
             known: Vec::new(),
             table: ScoreTable {
                 scores: Vec::new(),
+                subsets: Vec::new(),
                 discretisation_mm: 0.0,
                 untested: Vec::new(),
             },
             refits: vec![Refit {
-                id: rival.0.into(),
+                ids: vec![rival.0.into()],
                 parameters: Vec::new(),
                 theta: rival.1.to_vec(),
                 fit: nothing.clone(),
@@ -209,7 +212,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
                 gates: Vec::new(),
                 passed: true,
             }],
-            accepted: Some(found.0.into()),
+            accepted: vec![found.0.into()],
             dropped: Vec::new(),
         }],
         verdict: Verdict::Confounded {
@@ -219,7 +222,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         },
         reasons: Vec::new(),
         noise_scale: None,
-        rivals: vec![rival.0.into()],
+        rivals: vec![vec![rival.0.into()]],
         library: None,
     }
 }

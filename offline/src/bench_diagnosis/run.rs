@@ -218,7 +218,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     };
     let mut set = named.clone();
     if said == Said::Confounded {
-        set.extend(outcome.rivals.iter().cloned());
+        set.extend(outcome.rivals.iter().flatten().cloned());
     }
     let [before, after] =
         [&outcome.held_out_before, &outcome.held_out_after].map(|e| ResidualSummary::of(e).rms_mm);
@@ -250,7 +250,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
             .flat_map(|round| &round.refits)
             .map(|refit| {
                 let missed = refit.gates.iter().filter(|g| !g.passed);
-                (refit.id.clone(), missed.map(|g| g.name.clone()).collect())
+                (refit.ids.join(" + "), missed.map(|g| g.name.clone()).collect())
             })
             .collect(),
         wall_s,

@@ -56,7 +56,7 @@ pub(super) fn demo(dir: &Path, demo: &Demo, text: &str) -> Result<(), DemoError>
         }
     }
     start(&declared, demo)?;
-    if demo.spec.scene == SceneKind::Static {
+    if demo.spec.is_static() {
         one_sample_per_frame(dir, demo)?;
     }
     match &demo.observations {
@@ -72,13 +72,9 @@ pub(super) fn demo(dir: &Path, demo: &Demo, text: &str) -> Result<(), DemoError>
 fn start(declared: &Declared, demo: &Demo) -> Result<(), DemoError> {
     let spec = &demo.spec;
     let fail = |key: &str, problem: &str, remedy: &str| Err(declared.error(key, problem, remedy));
-    let hangs = spec.start != StartState::Straight || spec.scene == SceneKind::Static;
+    let hangs = spec.start != StartState::Straight || spec.is_static();
     if hangs && spec.clamps.is_empty() {
-        let key = if spec.scene == SceneKind::Static {
-            "scene"
-        } else {
-            "start"
-        };
+        let key = if spec.is_static() { "scene" } else { "start" };
         return fail(key, "nothing holds the rope", "declare the clamp in [[clamps]]");
     }
     if spec.start == StartState::Moving && !matches!(demo.observations, Observations::Markers(_)) {
@@ -95,7 +91,7 @@ fn start(declared: &Declared, demo: &Demo) -> Result<(), DemoError> {
             "shift all times so that the first frame is at 0",
         );
     }
-    if spec.scene == SceneKind::Static && spec.start == StartState::Moving {
+    if spec.is_static() && spec.start == StartState::Moving {
         return fail(
             "start",
             "a static scene that starts moving",

@@ -28,7 +28,7 @@ impl Demo {
         };
         let mut part = self.clone();
         part.keep_frames(&kept);
-        let whole = self.spec.scene != SceneKind::Static && Some(&first_s) == times.first();
+        let whole = !self.spec.is_static() && Some(&first_s) == times.first();
         if whole {
             part.keep_paths(f64::NEG_INFINITY, last_s);
             return Ok(part);
@@ -46,7 +46,7 @@ impl Demo {
         part.keep_paths(first_s, last_s);
         part.turn_directions(self);
         part.drop_open_clamps();
-        if self.spec.scene != SceneKind::Static {
+        if !self.spec.is_static() {
             part.spec.scene = SceneKind::Free;
             part.spec.start = start;
             part.shift(-first_s);

@@ -205,6 +205,11 @@ impl DemoSpec {
     pub fn friction(&self) -> f64 {
         self.table.as_ref().map_or(0.0, |table| table.friction)
     }
+
+    /// Whether the demonstration is poses at rest, without time.
+    pub fn is_static(&self) -> bool {
+        self.scene == SceneKind::Static
+    }
 }
 
 /// One sample of a clamp path: the pose of the rope's end point on its axis (s = 0 or s = length).

@@ -1,8 +1,7 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
-use super::gates::{
-    Gate, MOST, excess_removed, pass_in_company, pass_overdone, refinement_gate, taken_away_mm,
-};
+use super::gates::{Gate, refinement_gate, superfluous, taken_away_mm};
+use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
 use crate::effects;
@@ -24,10 +23,12 @@ pub(super) struct Standing {
     pub(super) structure: Structure,
     /// Its fit.
     pub(super) fitted: FitResult,
+    /// What it leaves where fitted.
+    pub(super) left: ResidualSummary,
     /// What it leaves where held out.
     pub(super) held: ResidualSummary,
-    /// Effects that tie with its last one.
-    pub(super) rivals: Vec<String>,
+    /// What ties with the effects that were accepted last.
+    pub(super) rivals: Vec<Vec<String>>,
 }
 
 impl Standing {
@@ -37,27 +38,19 @@ impl Standing {
     /// What is held out cannot be simulated.
     pub(super) fn of(bench: &Bench, structure: Structure, fitted: FitResult) -> Result<Self, FitError> {
         let held = bench.held_out.residuals(&structure, &fitted.best.theta)?;
-        Ok(Self {
-            held: ResidualSummary::of(&held),
+        Ok(Self::judged(structure, fitted, ResidualSummary::of(&held)))
+    }
+
+    /// A fitted model that leaves `held` where held out.
+    pub(super) fn judged(structure: Structure, fitted: FitResult, held: ResidualSummary) -> Self {
+        Self {
+            left: ResidualSummary::of(&fitted.best),
+            held,
             structure,
             fitted,
             rivals: Vec::new(),
-        })
+        }
     }
-
-    /// Name of the effect that came last.
-    pub(super) fn last_effect(&self) -> Option<String> {
-        self.structure.effects.last().map(|&e| effects::ALL[e].id.into())
-    }
-}
-
-/// What a round came to.
-pub(super) enum Found {
-    /// A model with one more effect that passed every gate.
-    Accepted(Box<Standing>),
-    /// Models with one more effect that may be right in company of another that is missing, likelier first; none where
-    /// there is nothing.
-    OnTrial(Vec<Standing>),
 }
 
 /// What the refits of a round have come to so far.
@@ -65,32 +58,13 @@ pub(super) enum Found {
 pub(super) struct Choice {
     /// All of them, the likelier first of those that were judged together.
     pub(super) refits: Vec<Refit>,
-    /// The winner and those that tie with it.
-    accepted: Option<Standing>,
-    /// The best of those that fail only because of what another cause that is missing beside them does.
-    in_company: Option<Standing>,
-    /// The best of those that take away most where fitted, but with a value beyond what is physical: it makes up for
-    /// another cause, as a cable's end mass and stiffness do for its curl.
-    overdone: Option<Standing>,
+    /// What the winner adds, and the model with it and with those that tie with it.
+    pub(super) accepted: Option<(Vec<String>, Standing)>,
 }
 
 impl Choice {
-    /// Whether there is a winner.
-    pub(super) fn accepted(&self) -> bool {
-        self.accepted.is_some()
-    }
-
-    /// All refits, and what they came to.
-    pub(super) fn end(self) -> (Vec<Refit>, Found) {
-        let found = match self.accepted {
-            Some(winner) => Found::Accepted(Box::new(winner)),
-            None => Found::OnTrial(self.in_company.into_iter().chain(self.overdone).collect()),
-        };
-        (self.refits, found)
-    }
-
-    /// Chooses among further refits of the model `now` where none was accepted before; the finer grid is tried on those
-    /// that passed, likeliest first.
+    /// Chooses among further refits of the model `now` where none was accepted before; those that passed are tried on the
+    /// finer grid, and without each of several effects, likeliest first.
     pub(super) fn among(
         &mut self,
         bench: &Bench,
@@ -100,49 +74,35 @@ impl Choice {
         progress: &dyn Fn(&str),
     ) -> Result<(), FitError> {
         let refined = options.without != Some(Part::Refinement);
-        let left = ResidualSummary::of(&now.fitted.best);
         sort_by_likelihood(&mut tried);
         for (mut refit, structure, fitted) in tried {
-            if refined && !self.accepted() && refit.passed {
-                progress(&format!("checking {} on a finer grid", refit.id));
-                let gate = refine(bench, &structure, &fitted, &left)?;
-                refit.passed &= gate.passed;
-                refit.gates.push(gate);
+            let model = Standing::judged(structure, fitted, refit.held_out.clone());
+            if refined && self.accepted.is_none() && refit.passed {
+                progress(&format!("checking {} on a finer grid", refit.ids.join(" + ")));
+                refit.ask(refine(bench, &model, &refit.ids, &now.left)?);
             }
-            let standing = Standing {
-                structure,
-                fitted,
-                held: refit.held_out.clone(),
-                rivals: Vec::new(),
-            };
-            self.consider(&refit, standing, &left);
+            if self.accepted.is_none() && refit.passed && refit.ids.len() > 1 {
+                progress(&format!(
+                    "asking whether {} are all needed",
+                    refit.ids.join(" + ")
+                ));
+                refit.ask(vec![superfluous(&needs_not(bench, &model, &refit.ids))]);
+            }
+            self.consider(&refit, model);
             self.refits.push(refit);
         }
         Ok(())
     }
 
-    /// Takes a model for the winner, for one that ties with it, or for one that may be right in company, if it is;
-    /// `left` is what was left without it.
-    fn consider(&mut self, refit: &Refit, model: Standing, left: &ResidualSummary) {
-        let better = |best: &Option<Standing>, of: fn(&Standing) -> f64| {
-            best.as_ref().is_none_or(|best| of(&model) < of(best))
-        };
-        if refit.passed {
-            match &mut self.accepted {
-                Some(best) if ties(&best.fitted, &model.fitted) => best.rivals.push(refit.id.clone()),
-                Some(_) => {}
-                None => self.accepted = Some(model),
-            }
-        } else if pass_in_company(&refit.gates) {
-            // With another cause missing few offsets are independent, and the rig's care would decide alone.
-            if better(&self.in_company, |model| model.held.rms_mm) {
-                self.in_company = Some(model);
-            }
-        } else if pass_overdone(&refit.gates)
-            && excess_removed(left, &refit.fit, 0.0) >= MOST
-            && better(&self.overdone, |model| model.fitted.cost)
-        {
-            self.overdone = Some(model);
+    /// Takes a model for the winner or for one that ties with it, if it is.
+    fn consider(&mut self, refit: &Refit, model: Standing) {
+        if !refit.passed {
+            return;
+        }
+        match &mut self.accepted {
+            Some((_, best)) if ties(&best.fitted, &model.fitted) => best.rivals.push(refit.ids.clone()),
+            Some(_) => {}
+            None => self.accepted = Some((refit.ids.clone(), model)),
         }
     }
 }
@@ -186,36 +146,37 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
     2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
 }
 
-/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid; `before` is what was left without the
-/// effect.
+/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was
+/// extended by; `before` is what was left without them.
 fn refine(
     bench: &Bench,
-    structure: &Structure,
-    fitted: &FitResult,
+    model: &Standing,
+    added: &[String],
     before: &ResidualSummary,
-) -> Result<Gate, FitError> {
+) -> Result<Vec<Gate>, FitError> {
+    let (structure, fitted) = (&model.structure, &model.fitted);
     let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
-    let effect = structure.effects[structure.effects.len() - 1];
-    let spec = &effects::ALL[effect];
-    let entries = structure.entries(effect);
-    let own = fitted.best.jacobian.columns(entries.start, entries.len());
-    let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
-        let own = evaluation.theta[entries.clone()].iter().zip(spec.parameters);
-        DVector::from_iterator(entries.len(), own.map(|(t, p)| t - p.vanishes_at))
-    });
-    let errors: Vec<f64> = estimates(&fitted.best, structure)[entries]
-        .iter()
-        .map(|e| e.standard_error)
-        .collect();
-    let apart = own * (&fine - &coarse);
-    let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
-    let explained_mm = taken_away_mm(before, &ResidualSummary::of(&fitted.best));
-    Ok(refinement_gate(
-        coarse.as_slice(),
-        fine.as_slice(),
-        &errors,
-        [apart_mm, explained_mm],
-    ))
+    let all = estimates(&fitted.best, structure);
+    let explained_mm = taken_away_mm(before, &model.left);
+    let gate = |effect: usize| {
+        let spec = &effects::ALL[effect];
+        let entries = structure.entries(effect);
+        let own = fitted.best.jacobian.columns(entries.start, entries.len());
+        let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
+            let own = evaluation.theta[entries.clone()].iter().zip(spec.parameters);
+            DVector::from_iterator(entries.len(), own.map(|(t, p)| t - p.vanishes_at))
+        });
+        let errors: Vec<f64> = all[entries].iter().map(|e| e.standard_error).collect();
+        let apart = own * (&fine - &coarse);
+        let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
+        refinement_gate(
+            spec.id,
+            [coarse.as_slice(), fine.as_slice(), &errors],
+            [apart_mm, explained_mm],
+        )
+    };
+    let last = structure.effects.len() - added.len();
+    Ok(structure.effects[last..].iter().copied().map(gate).collect())
 }
 
 #[cfg(test)]
@@ -242,7 +203,7 @@ mod tests {
             },
         };
         let refit = Refit {
-            id: id.into(),
+            ids: vec![id.into()],
             parameters: Vec::new(),
             theta: theta.clone(),
             fit: left.clone(),
@@ -264,7 +225,7 @@ mod tests {
         let first = |of: [Tried; 2]| {
             let mut of = of;
             sort_by_likelihood(&mut of);
-            of[0].0.id.clone()
+            of[0].0.ids[0].clone()
         };
         let leans = |rad: f64, mm: f64| tried("tilted_gravity", &[rad, 0.0], mm);
         let curl = || tried("rest_curvature", &[0.0, -1.1], 4.06);
@@ -275,59 +236,5 @@ mod tests {
             "tilted_gravity",
             "where nothing else explains it"
         );
-    }
-
-    /// Seen on a cable whose end mass and curl were both unknown: the mass alone went to the end of its range, took away
-    /// three quarters of what was left, and was refused for its value.
-    #[test]
-    fn what_makes_up_for_another_cause_goes_along_where_nothing_else_does() {
-        let mut choice = Choice::default();
-        let left = tried("tip_mass", &[0.0], 40.0).0.fit;
-        let mut consider = |id: &str, mm: f64, failed: &[&str]| {
-            let (mut refit, structure, fitted) = tried(id, &[0.5], mm);
-            refit.passed = false;
-            refit.gates = failed
-                .iter()
-                .map(|name| Gate {
-                    name: (*name).into(),
-                    passed: false,
-                    detail: String::new(),
-                })
-                .collect();
-            let held = refit.held_out.clone();
-            let model = Standing {
-                structure,
-                fitted,
-                held,
-                rivals: Vec::new(),
-            };
-            choice.consider(&refit, model, &left);
-            let name = |model: &Option<Standing>| model.as_ref().and_then(Standing::last_effect);
-            [&choice.in_company, &choice.overdone].map(name)
-        };
-        let [nothing, tip_mass, curl] = ["", "tip_mass", "rest_curvature"].map(|id| Some(id.to_owned()));
-        let nothing = nothing.filter(|id| !id.is_empty());
-        let beyond = &["physical value", "held-out gain"];
-        let all = [
-            (consider("density_gradient", 36.0, beyond), [&nothing, &nothing]),
-            (consider("tip_mass", 19.0, beyond), [&nothing, &tip_mass]),
-            (consider("air_drag", 22.0, beyond), [&nothing, &tip_mass]),
-            (
-                consider("yield", 15.0, &["grid refinement"]),
-                [&nothing, &tip_mass],
-            ),
-            (
-                consider("rest_curvature", 30.0, &["off nothing"]),
-                [&curl, &tip_mass],
-            ),
-        ];
-        for (got, wanted) in all {
-            assert_eq!(got.each_ref(), wanted);
-        }
-        let Found::OnTrial(models) = choice.end().1 else {
-            panic!("nothing passed");
-        };
-        let order: Vec<Option<String>> = models.iter().map(Standing::last_effect).collect();
-        assert_eq!(order, [curl, tip_mass]);
     }
 }

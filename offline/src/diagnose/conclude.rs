@@ -36,14 +36,27 @@ pub(super) struct Facts<'a> {
     pub estimates: &'a [Estimate],
     /// Rounds in order.
     pub rounds: &'a [Round],
-    /// Effects that fit as well as the last one found.
-    pub rivals: &'a [String],
+    /// What fits as well as the effects that were accepted last.
+    pub rivals: &'a [Vec<String>],
     /// Number of demonstrations that were fitted, and that were held out.
     pub demos: [usize; 2],
     /// Whether the noise was measured.
     pub pure_error: bool,
     /// As [`super::noise::Noise::doubt`] says.
     pub doubt: f64,
+}
+
+impl Facts<'_> {
+    /// Effects that stand, and what was accepted last with everything that fits as well; each may be several together.
+    fn alternatives(&self) -> (Vec<String>, Vec<String>) {
+        let accepted = self.rounds.iter().rfind(|round| !round.accepted.is_empty());
+        let last = accepted.map_or(1, |round| round.accepted.len());
+        let mut found = self.structure.ids();
+        let last = found.split_off(found.len().saturating_sub(last));
+        let alike = std::iter::once(&last).chain(self.rivals);
+        let alike = alike.map(|ids| ids.join(" + ")).collect();
+        (found, alike)
+    }
 }
 
 /// The verdict and the reasons for caution.
@@ -87,7 +100,7 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         let removed = excess_removed(facts.base, &now, numerical_mm);
         return (stand_in(facts, [removed, left_mm]), reasons);
     }
-    (explained(structure, facts.estimates, facts.rivals), reasons)
+    (explained(facts), reasons)
 }
 
 /// Root mean square of what a fit leaves beyond the noise and beyond doubt about it, mm; `doubt` is a share of the
@@ -103,9 +116,10 @@ pub(super) fn excess_mm(fitted: &FitResult, doubt: f64) -> f64 {
 /// is their share of the excess, `left_mm` what they leave.
 fn stand_in(facts: &Facts, [removed, left_mm]: [f64; 2]) -> Verdict {
     let effects = facts.structure.ids();
-    let alike = match (effects.last(), facts.rivals) {
-        (None, _) | (_, []) => String::new(),
-        (Some(last), rivals) => format!(" (so would {} instead of {last})", rivals.join(" or ")),
+    let (_, alike) = facts.alternatives();
+    let alike = match alike.as_slice() {
+        [] | [_] => String::new(),
+        [last, rivals @ ..] => format!(" (so would {} instead of {last})", rivals.join(" or ")),
     };
     Verdict::Unexplained {
         hint: format!(
@@ -118,14 +132,11 @@ fn stand_in(facts: &Facts, [removed, left_mm]: [f64; 2]) -> Verdict {
     }
 }
 
-fn explained(structure: &Structure, estimates: &[Estimate], rivals: &[String]) -> Verdict {
-    let mut effects_found = structure.ids();
-    if !rivals.is_empty() {
-        // Earlier effects stand; only the last one has rivals.
-        let mut alike = effects_found.split_off(effects_found.len() - 1);
-        alike.extend(rivals.iter().cloned());
+fn explained(facts: &Facts) -> Verdict {
+    let (found, alike) = facts.alternatives();
+    if alike.len() > 1 {
         return Verdict::Confounded {
-            found: effects_found,
+            found,
             effects: alike,
             separating_demonstration: "a demonstration at three times or a third of this speed, or with the \
                                        rope gripped at its other end, changes their ratio"
@@ -133,8 +144,8 @@ fn explained(structure: &Structure, estimates: &[Estimate], rivals: &[String]) -
         };
     }
     Verdict::Explained {
-        effects: effects_found,
-        parameters: estimates[2..].to_vec(),
+        effects: facts.structure.ids(),
+        parameters: facts.estimates[2..].to_vec(),
     }
 }
 
@@ -200,11 +211,12 @@ pub(super) mod tests {
             known: Vec::new(),
             table: ScoreTable {
                 scores: Vec::new(),
+                subsets: Vec::new(),
                 discretisation_mm,
                 untested: Vec::new(),
             },
             refits: vec![Refit {
-                id: effects::ALL[0].id.into(),
+                ids: vec![effects::ALL[0].id.into()],
                 parameters: Vec::new(),
                 theta: Vec::new(),
                 fit: nothing.clone(),
@@ -212,7 +224,7 @@ pub(super) mod tests {
                 gates: Vec::new(),
                 passed: false,
             }],
-            accepted: None,
+            accepted: Vec::new(),
             dropped: Vec::new(),
         }
     }
@@ -222,7 +234,7 @@ pub(super) mod tests {
         structure: &Structure,
         [before_m, after_m]: [f64; 2],
         discretisation_mm: f64,
-        rivals: &[String],
+        rivals: &[Vec<String>],
     ) -> (Verdict, Vec<ReasonCode>) {
         let base = fitted(&Structure::default(), before_m);
         let fitted = fitted(structure, after_m);
@@ -281,7 +293,7 @@ pub(super) mod tests {
     #[test]
     fn what_would_do_as_well_as_a_stand_in_is_told() {
         let structure = Structure { effects: vec![0] };
-        let rivals = ["rest_curvature", "curvature_gradient"].map(String::from);
+        let rivals = ["rest_curvature", "curvature_gradient"].map(|id| vec![id.to_owned()]);
         let (said, _) = verdict_of(&structure, [5e-3, 1.5e-3], 0.5, &rivals);
         let hint = hint_of(&said);
         let told = format!(

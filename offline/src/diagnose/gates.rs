@@ -1,8 +1,9 @@
-//! The gates that an effect has to pass before it is declared.
+//! The gates that an effect, or several together, have to pass before they are declared.
 
+use super::candidate::Candidate;
+use super::choice::Standing;
 use super::round::Refit;
 use super::rounds::LoopOptions;
-use super::score::Score;
 use crate::effects::{self, EffectSpec, ParameterSpec};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -51,14 +52,19 @@ pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -
     (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt()
 }
 
-/// Gates that need no further simulation, of a refit in which so many of the effect's parameters are free.
+/// Gates that need no further simulation, of a refit in which so many of what was added is free. Several effects at once
+/// take away a part of anything: they have to take away most of it.
 pub(super) fn statistical_gates(
-    score: &Score,
+    candidate: &Candidate,
     before: (&ResidualSummary, &ResidualSummary),
     (refit, free): (&Refit, usize),
     options: &LoopOptions,
 ) -> Vec<Gate> {
-    let spec = &effects::ALL[score.effect()];
+    let smallest_share = if candidate.ids.len() > 1 {
+        MOST.max(options.smallest_share)
+    } else {
+        options.smallest_share
+    };
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
     // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.
@@ -67,9 +73,9 @@ pub(super) fn statistical_gates(
     let removed = excess_removed(fit_before, &refit.fit, 0.0);
     let held_removed = excess_removed(held_before, &refit.held_out, 0.0);
     vec![
-        significant(score, fit_before, &refit.fit),
+        significant(candidate, fit_before, &refit.fit),
         Gate::new(
-            HELD_OUT_GAIN,
+            "held-out gain",
             held_gain >= options.smallest_gain,
             format!(
                 "held-out error {:.2} to {:.2} mm, {:.0} % less",
@@ -87,19 +93,19 @@ pub(super) fn statistical_gates(
                 fit_before.floor_mm, held_before.floor_mm
             ),
         ),
-        physical_value(spec, &refit.parameters),
-        off_nothing(free, [fit_before, &refit.fit], held_removed),
+        physical_value(candidate.effects(), &refit.parameters),
+        off_nothing(free, [fit_before, &refit.fit], [held_before, &refit.held_out]),
         Gate::new(
             "explained share",
-            removed >= options.smallest_share,
+            removed >= smallest_share,
             format!(
                 "{:.0} % of the excess over the noise where fitted",
                 100.0 * removed
             ),
         ),
         Gate::new(
-            HELD_OUT_SHARE,
-            held_removed >= options.smallest_share,
+            "explained share, held out",
+            held_removed >= smallest_share,
             format!(
                 "{:.0} % of the excess over the noise where held out",
                 100.0 * held_removed
@@ -110,44 +116,21 @@ pub(super) fn statistical_gates(
 
 /// What the effect takes away must be more than it could of data without any: to first order, by its score, or in full,
 /// by its refit, which counts only offsets that are independent in what the poorer of both fits leaves.
-fn significant(score: &Score, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
+fn significant(candidate: &Candidate, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
     let rows = before.effective_rows.min(after.effective_rows);
     let in_full = rows * (taken_away_mm(before, after) / before.floor_mm).powi(2);
     Gate::new(
         "significant",
-        score.significant() || in_full > score.threshold,
+        candidate.significant() || in_full > candidate.threshold,
         format!(
             "score {:.0}, refit {in_full:.0}, pseudo-data without effect reach {:.0}",
-            score.statistic, score.threshold
+            candidate.statistic, candidate.threshold
         ),
     )
 }
 
-const OFF_NOTHING: &str = "off nothing";
-const PHYSICAL_VALUE: &str = "physical value";
-const HELD_OUT_GAIN: &str = "held-out gain";
 /// Share of an excess that counts as most of it.
-pub(super) const MOST: f64 = 0.5;
-const HELD_OUT_SHARE: &str = "explained share, held out";
-
-/// Whether an effect may be a cause beside another that is still missing: what that does to the rope leaves few
-/// independent offsets to judge by, and grows where the fit does not hold it down.
-pub(super) fn pass_in_company(gates: &[Gate]) -> bool {
-    pass_but(gates, &[OFF_NOTHING, HELD_OUT_SHARE])
-}
-
-/// Whether an effect fails no more than by making up for another that is missing, beyond what is physical.
-pub(super) fn pass_overdone(gates: &[Gate]) -> bool {
-    pass_but(
-        gates,
-        &[OFF_NOTHING, HELD_OUT_SHARE, PHYSICAL_VALUE, HELD_OUT_GAIN],
-    )
-}
-
-fn pass_but(gates: &[Gate], forgiven: &[&str]) -> bool {
-    let passes = |gate: &Gate| gate.passed || forgiven.contains(&gate.name.as_str());
-    gates.iter().all(passes)
-}
+const MOST: f64 = 0.5;
 
 /// Whether every effect of a model has a physical value, and those before the last, which has passed its own gates, one
 /// that is not nothing.
@@ -159,23 +142,25 @@ pub(super) fn all_physical(structure: &Structure, all: &[Estimate]) -> bool {
 
 /// Whether every effect of a model has a value inside its physical range.
 pub(super) fn within_ranges(structure: &Structure, all: &[Estimate]) -> bool {
-    let within =
-        |&effect: &usize| physical_value(&effects::ALL[effect], &all[structure.entries(effect)]).passed;
-    structure.effects.iter().all(within)
+    let own = Structure::default().parameters().len();
+    physical_value(structure.effects.iter().copied(), &all[own..]).passed
 }
 
-/// The value must lie inside its physical range.
-fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
+/// The values must lie inside their physical ranges.
+fn physical_value(effects: impl Iterator<Item = usize>, estimates: &[Estimate]) -> Gate {
     // A parameter may stay where it vanishes: another parameter then carries the effect.
     let within =
         |p: &ParameterSpec, e: &Estimate| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at;
-    let inside = spec.parameters.iter().zip(estimates).all(|(p, e)| within(p, e));
+    let mut parameters = effects
+        .flat_map(|effect| effects::ALL[effect].parameters)
+        .zip(estimates);
+    let inside = parameters.all(|(p, e)| within(p, e));
     let told = if inside {
         "inside its physical range"
     } else {
         "at or beyond its physical range"
     };
-    Gate::new(PHYSICAL_VALUE, inside, told.into())
+    Gate::new("physical value", inside, told.into())
 }
 
 /// The model must be worse without the effect: the likelihood ratio of Wilks (1938), for as many independent offsets as
@@ -186,17 +171,22 @@ fn physical_value(spec: &EffectSpec, estimates: &[Estimate]) -> Gate {
 /// Where other causes are missing too, what they leave in the slow swing of a real cable hangs together so much that
 /// it counts as one independent offset or less, and no ratio tells anything. What then was not fitted and is better by
 /// half ([`MOST`]) tells it: a model with an effect that is nothing does not foresee what comes.
-fn off_nothing(free: usize, left: [&ResidualSummary; 2], held_removed: f64) -> Gate {
+fn off_nothing(free: usize, left: [&ResidualSummary; 2], held: [&ResidualSummary; 2]) -> Gate {
     let [statistic, by_chance] = likelihood_ratio(free, left);
     Gate::new(
-        OFF_NOTHING,
-        statistic > by_chance || held_removed >= MOST,
+        "off nothing",
+        statistic > by_chance || foresees(held[0], held[1]),
         format!(
             "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; {:.0} % of the \
              excess over the noise where held out",
-            100.0 * held_removed
+            100.0 * excess_removed(held[0], held[1], 0.0)
         ),
     )
+}
+
+/// Whether a model foresees what one without an effect does not: most of the excess where held out, and more than noise.
+fn foresees(without: &ResidualSummary, with: &ResidualSummary) -> bool {
+    excess_removed(without, with, 0.0) >= MOST && taken_away_mm(without, with) >= without.floor_mm
 }
 
 /// Likelihood ratio of a model with an effect against one without it, and what chance reaches.
@@ -206,10 +196,25 @@ fn likelihood_ratio(free: usize, [without, with]: [&ResidualSummary; 2]) -> [f64
     [statistic, 2.0 + 2.0 * free as f64]
 }
 
-/// Whether what an effect of so many free parameters takes away is more than chance would.
-pub(super) fn needs(free: usize, left: [&ResidualSummary; 2]) -> bool {
-    let [statistic, by_chance] = likelihood_ratio(free, left);
-    statistic > by_chance
+/// Whether a model is worse without an effect of so many free parameters than chance would let it be, where fitted or
+/// where held out, or leaves twice as much of the excess there.
+pub(super) fn needs(free: usize, [without, with]: [&Standing; 2]) -> bool {
+    let more_than_chance = |left| {
+        let [statistic, by_chance] = likelihood_ratio(free, left);
+        statistic > by_chance
+    };
+    more_than_chance([&without.left, &with.left])
+        || more_than_chance([&without.held, &with.held])
+        || foresees(&without.held, &with.held)
+}
+
+/// The gate of effects that passed together: none of them may be one without which the model is as good.
+pub(super) fn superfluous(not_needed: &[String]) -> Gate {
+    let detail = match not_needed {
+        [] => "without any of them the model is worse than chance would let it be".to_owned(),
+        some => format!("the model is as good without {}", some.join(" or ")),
+    };
+    Gate::new("each is needed", not_needed.is_empty(), detail)
 }
 
 /// Whether a value lies more than two standard errors from where the effect vanishes.
@@ -222,9 +227,8 @@ pub(super) fn clear_of_nothing(spec: &EffectSpec, estimates: &[Estimate]) -> boo
 /// as a clamp that gives so much that it is a hinge, very different values do the same: then what counts is how far
 /// they move the rope, `apart_mm`, against what the effect explains, `explained_mm`.
 pub(super) fn refinement_gate(
-    coarse: &[f64],
-    fine: &[f64],
-    noise_se: &[f64],
+    id: &str,
+    [coarse, fine, noise_se]: [&[f64]; 3],
     [apart_mm, explained_mm]: [f64; 2],
 ) -> Gate {
     const TOLERANCE: f64 = 0.2;
@@ -236,8 +240,8 @@ pub(super) fn refinement_gate(
         "grid refinement",
         change <= TOLERANCE || apart_mm <= TOLERANCE * explained_mm,
         format!(
-            "{:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart, which moves the rope by {apart_mm:.2} mm; \
-             the effect explains {explained_mm:.2} mm",
+            "{id}: {:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart, which moves the rope by \
+             {apart_mm:.2} mm; {explained_mm:.2} mm are explained",
             coarse[lead],
             fine[lead],
             100.0 * change
@@ -247,6 +251,7 @@ pub(super) fn refinement_gate(
 
 #[cfg(test)]
 mod tests {
+    use super::super::score::Score;
     use super::*;
     use crate::fit::{Correlation, Resolution};
 
@@ -298,40 +303,48 @@ mod tests {
         assert!(physical(0.5 * mass.high, 0.001));
     }
 
-    /// A mass at the tip of a rope whose clock is late as well: what the clock does is mostly held out. A value beyond
-    /// all that is physical, or a share of nothing, is no such case.
+    /// An effect that takes away a third may be one cause of several; two at once that take away no more are none.
     #[test]
-    fn another_missing_cause_excuses_a_small_share_held_out() {
-        let score = Score::alone("tip_mass", 100.0, 10.0);
+    fn several_effects_at_once_have_to_take_away_most() {
         let options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
-        let passes = |mass_kg: f64, fit_mm: f64, held_out_mm: f64| {
+        let share = |ids: &[&str], left_mm: f64| {
+            let candidate = Candidate {
+                ids: ids.iter().map(ToString::to_string).collect(),
+                ..Candidate::from(&Score::alone("tip_mass", 100.0, 10.0))
+            };
+            let values = [0.01, 0.005];
             let refit = Refit {
-                id: "tip_mass".into(),
-                parameters: vec![estimate(mass_kg, 0.1 * mass_kg)],
+                ids: candidate.ids.clone(),
+                parameters: values[..ids.len()]
+                    .iter()
+                    .map(|v| estimate(*v, 0.1 * v))
+                    .collect(),
                 theta: Vec::new(),
-                fit: residual(fit_mm),
-                held_out: residual(held_out_mm),
+                fit: residual(left_mm),
+                held_out: residual(left_mm),
                 gates: Vec::new(),
                 passed: false,
             };
-            let gates = statistical_gates(&score, (&residual(4.0), &residual(8.0)), (&refit, 1), &options);
-            assert!(!gates.iter().all(|gate| gate.passed));
-            pass_in_company(&gates)
+            let before = residual(4.0);
+            let gates = statistical_gates(&candidate, (&before, &before), (&refit, ids.len()), &options);
+            gates.iter().all(|gate| gate.passed)
         };
-        assert!(passes(0.01, 3.0, 7.2));
-        assert!(!passes(0.01, 3.0, 8.0));
-        assert!(!passes(0.01, 3.9, 7.2));
-        assert!(!passes(1.0, 3.0, 7.2));
+        let pair = ["tip_mass", "gripper_lag"];
+        assert!(share(&pair[..1], 3.0) && !share(&pair, 3.0));
+        assert!(share(&pair, 2.0));
     }
 
     /// A cable that hangs in 24 poses, of which 18 values are independent, with an unknown mass at its end: the mass has
     /// a wide interval, and yet nothing is not what the data allow. Of three values they would.
     #[test]
     fn a_value_with_a_wide_interval_is_off_nothing_where_the_model_is_worse_without_it() {
-        let worse = |rows: f64| off_nothing(1, [&of_rows(7.7, rows), &of_rows(5.1, rows)], 0.0).passed;
+        let same = residual(4.0);
+        let worse =
+            |rows: f64| off_nothing(1, [&of_rows(7.7, rows), &of_rows(5.1, rows)], [&same, &same]).passed;
         assert!(worse(18.0));
         assert!(!worse(3.0));
-        let of_many = |free| off_nothing(free, [&of_rows(7.7, 7.0), &of_rows(5.1, 7.0)], 0.0).passed;
+        let of_many =
+            |free| off_nothing(free, [&of_rows(7.7, 7.0), &of_rows(5.1, 7.0)], [&same, &same]).passed;
         assert!(of_many(1) && !of_many(2));
     }
 
@@ -339,10 +352,18 @@ mod tests {
     /// 21 mm instead of 60, and what the others leave counts as one independent offset.
     #[test]
     fn what_foresees_most_of_what_was_held_out_is_off_nothing() {
-        let passes =
-            |removed: f64| off_nothing(1, [&of_rows(53.0, 1.0), &of_rows(40.0, 1.0)], removed).passed;
-        assert!(passes(0.87));
-        assert!(!passes(0.3));
+        let passes = |before_mm: f64, after_mm: f64| {
+            let held = [before_mm, after_mm].map(residual);
+            off_nothing(
+                1,
+                [&of_rows(53.0, 1.0), &of_rows(40.0, 1.0)],
+                [&held[0], &held[1]],
+            )
+            .passed
+        };
+        assert!(passes(60.0, 21.6));
+        assert!(!passes(60.0, 50.0));
+        assert!(!passes(1.1, 1.0), "noise that is less by chance foresees nothing");
     }
 
     /// A cause of 2 mm beside a discretisation error of 1 mm and noise of 1 mm, found to the last: it takes

@@ -13,8 +13,6 @@ use serde::{Deserialize, Serialize};
 pub struct Memory {
     pub(super) base: KeptFit,
     pub(super) now: KeptModel,
-    pub(super) on_trial_since: Option<KeptModel>,
-    pub(super) waiting: Vec<KeptModel>,
     pub(super) rounds: Vec<Round>,
 }
 
@@ -32,7 +30,7 @@ pub(super) struct KeptFit {
 pub(super) struct KeptModel {
     effects: Vec<String>,
     theta: Vec<f64>,
-    rivals: Vec<String>,
+    rivals: Vec<Vec<String>>,
 }
 
 impl KeptFit {

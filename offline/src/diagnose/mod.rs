@@ -6,6 +6,7 @@
 //! is calibrated by pseudo-data: the difference between the model on two grids, scaled up to the
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
+mod candidate;
 mod choice;
 mod conclude;
 mod force;
@@ -31,5 +32,5 @@ pub use next::{
 pub use noise::Noise;
 pub use round::{Refit, Round};
 pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
-pub use score::{Score, ScoreTable, Untested};
+pub use score::{Score, ScoreTable, Subset, Untested};
 pub use verdict::{ReasonCode, Verdict};

@@ -1,10 +1,11 @@
-//! The full refits of a round, each with one more effect: the likely ones first, the hopeless ones given up early.
+//! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
+use super::candidate::Candidate;
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
 use super::gates::{excess_removed, given_up, statistical_gates};
 use super::round::Refit;
-use super::rounds::{Bench, LoopOptions};
+use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{Score, ScoreTable};
 use crate::effects;
 use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, estimates, flows};
@@ -45,19 +46,17 @@ pub(super) struct Refits<'a> {
     bench: &'a Bench<'a>,
     /// The model that lacks an effect.
     now: &'a Standing,
-    /// What it leaves where fitted.
-    left: ResidualSummary,
     /// Its parameters where the data told them, the prior's centres where they did not: what a model that lacks an
     /// effect makes of the rest, often a value at its bound, is a bad start for one that has it.
     told: Vec<f64>,
     table: &'a ScoreTable,
     /// The likely effects, the others that are worth it, and those of slight score.
-    batches: [Vec<&'a Score>; 3],
+    batches: [Vec<Candidate>; 3],
     options: &'a LoopOptions,
 }
 
-/// An effect and the descent with it.
-type Runner<'a> = (&'a Score, Descent<'a>);
+/// What a refit adds and the descent with it.
+type Runner<'c, 'a> = (&'c Candidate, Descent<'a>);
 
 impl<'a> Refits<'a> {
     pub(super) fn new(
@@ -69,10 +68,10 @@ impl<'a> Refits<'a> {
         Self {
             bench,
             now,
-            left: ResidualSummary::of(&now.fitted.best),
             told: told(&now.fitted.best, &now.structure),
             table,
-            batches: batches(table, options.refits),
+            batches: batches(table, options.refits)
+                .map(|scores| scores.into_iter().map(Candidate::from).collect()),
             options,
         }
     }
@@ -96,9 +95,10 @@ impl<'a> Refits<'a> {
     /// Refits the others alone, for where the finer grid refused what left nothing to them; none where they have had
     /// their refits.
     pub(super) fn others(&self, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
-        let others = self.batches[1].iter().copied();
-        let others: Vec<&Score> = others
-            .filter(|s| had.iter().all(|refit| refit.id != s.id))
+        let others = self.batches[1].iter();
+        let others: Vec<Candidate> = others
+            .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
+            .cloned()
             .collect();
         let tried = self.batch(&others, (GO_ON, f64::INFINITY), progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
@@ -117,32 +117,46 @@ impl<'a> Refits<'a> {
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
-    /// Refits with some effects; `go_on` of them at least get more than their very first evaluations. None is followed
+    /// Refits with the best subsets of so many effects, for where no effect passes alone: two causes can hide each other,
+    /// as a cable's curl and the mass at its end do.
+    pub(super) fn together(&self, members: usize, progress: &dyn Fn(&str)) -> Vec<Tried> {
+        let subsets = self.table.subsets.iter().map(Candidate::from);
+        let fits = |candidate: &Candidate| {
+            candidate.ids.len() == members
+                && physical_effects(&candidate.added_to(&self.now.structure)) <= self.options.max_effects
+        };
+        let subsets: Vec<Candidate> = subsets.filter(fits).collect();
+        let tried = self.batch(&subsets, (GO_ON, f64::INFINITY), progress);
+        tried.into_iter().map(|(_, tried)| tried).collect()
+    }
+
+    /// Refits with some candidates; `go_on` of them at least get more than their very first evaluations. None is followed
     /// that does not promise to come near the least cost of them and of what was tried before.
-    fn batch(
+    fn batch<'c>(
         &self,
-        scores: &[&'a Score],
+        candidates: &'c [Candidate],
         (go_on, least): (usize, f64),
         progress: &dyn Fn(&str),
-    ) -> Vec<(&'a Score, Tried)> {
-        if scores.is_empty() {
+    ) -> Vec<(&'c Candidate, Tried)> {
+        if candidates.is_empty() {
             return Vec::new();
         }
-        progress(&format!("refitting with {}", names(scores).join(", ")));
-        let heats = self.heats(scores, (go_on, HOPELESS * least));
+        let names: Vec<String> = candidates.iter().map(Candidate::name).collect();
+        progress(&format!("refitting with {}", names.join(", ")));
+        let heats = self.heats(candidates, (go_on, HOPELESS * least));
         let least = heats.iter().map(|h| h.1.cost()).fold(least, f64::min);
         let ended = heats
             .into_par_iter()
-            .map(|(score, descent)| (score, to_the_end(descent, least)));
-        let mut tried: Vec<(&Score, Tried)> = best_to_rest(ended.collect())
+            .map(|(candidate, descent)| (candidate, to_the_end(descent, least)));
+        let mut tried: Vec<(&Candidate, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
-            .filter_map(|(score, descent)| Some((score, self.judge(score, descent)?)))
+            .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
             .collect();
         if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
-            tried.par_iter_mut().for_each(|(score, tried)| {
-                let better = self.restart_elsewhere(score, [tried.2.cost, least]);
-                if let Some(better) = better.and_then(|descent| self.judge(score, descent)) {
+            tried.par_iter_mut().for_each(|(candidate, tried)| {
+                let better = self.restart_elsewhere(candidate, [tried.2.cost, least]);
+                if let Some(better) = better.and_then(|descent| self.judge(candidate, descent)) {
                     *tried = better;
                 }
             });
@@ -155,13 +169,13 @@ impl<'a> Refits<'a> {
     fn explained(&self, (refit, _, fitted): &Tried) -> bool {
         let (doubt, numerical_mm) = (self.bench.doubt(fitted), self.table.discretisation_mm);
         refit.passed
-            && explains(&self.left, fitted, doubt, numerical_mm)
+            && explains(&self.now.left, fitted, doubt, numerical_mm)
             && excess_removed(&self.now.held, &refit.held_out, numerical_mm) >= NEARLY_ALL_HELD_OUT
     }
 
     /// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them. A refit
     /// that does not promise to come down to the cost `worth` is given up.
-    fn heats(&self, batch: &[&'a Score], (go_on, worth): (usize, f64)) -> Vec<Runner<'a>> {
+    fn heats<'c>(&self, batch: &'c [Candidate], (go_on, worth): (usize, f64)) -> Vec<Runner<'c, 'a>> {
         let budget = |evaluations| Budget { evaluations, worth };
         let sprint = if batch.len() > go_on {
             budget(SPRINT_EVALUATIONS)
@@ -170,7 +184,7 @@ impl<'a> Refits<'a> {
         };
         let mut runners: Vec<Runner> = batch
             .par_iter()
-            .filter_map(|score| Some((*score, self.started(score, sprint).ok()?)))
+            .filter_map(|candidate| Some((candidate, self.started(candidate, sprint).ok()?)))
             .collect();
         if batch.len() <= go_on {
             return runners;
@@ -179,7 +193,7 @@ impl<'a> Refits<'a> {
         let behind = runners.split_off(go_on.min(runners.len()));
         let ahead = runners
             .into_par_iter()
-            .map(|(score, descent)| (score, descent.run(budget(HEAT_EVALUATIONS))));
+            .map(|(candidate, descent)| (candidate, descent.run(budget(HEAT_EVALUATIONS))));
         let mut heats: Vec<Runner> = ahead.collect();
         heats.extend(behind);
         heats
@@ -187,44 +201,29 @@ impl<'a> Refits<'a> {
 
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
     /// nothing; at worst from the model as it stands.
-    fn started(&self, score: &Score, budget: Budget) -> Result<Descent<'a>, FitError> {
-        let sizes = FIRST_SIZES.map(|size| self.start(score, size));
-        let nothing = with_nothing_of(score, &self.now.fitted.best.theta);
+    fn started(&self, candidate: &Candidate, budget: Budget) -> Result<Descent<'a>, FitError> {
+        let sizes = FIRST_SIZES.map(|size| candidate.start(&self.told, size));
+        let nothing = candidate.nothing(&self.now.fitted.best.theta);
         let starts = sizes.into_iter().chain([nothing]);
-        let next = self.now.structure.with(score.effect());
+        let next = candidate.added_to(&self.now.structure);
         let start = Descent::at_first(&self.bench.fit, &next, starts, self.now.fitted.cost)?;
         Ok(start.run(budget))
-    }
-
-    /// Where a refit starts: at the one-step estimate, as many times as large as `larger` says.
-    fn start(&self, score: &Score, larger: f64) -> Vec<f64> {
-        let mut theta = self.told.clone();
-        for (p, e) in effects::ALL[score.effect()]
-            .parameters
-            .iter()
-            .zip(&score.estimate)
-        {
-            // A one-step estimate can overshoot; half the physical range is a safe start.
-            let safe = [p.low, p.high].map(|end| 0.5 * (end + p.vanishes_at));
-            theta.push((p.vanishes_at + larger * e).clamp(safe[0], safe[1]));
-        }
-        theta
     }
 
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
     /// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
     /// effect is far off in everything, and so is a one-step estimate from there.
-    fn restart_elsewhere(&self, score: &Score, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
+    fn restart_elsewhere(&self, candidate: &Candidate, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
         if cost > HOPELESS * least {
             return None;
         }
-        let next = self.now.structure.with(score.effect());
+        let next = candidate.added_to(&self.now.structure);
         let budget = Budget {
             evaluations: SECOND_EVALUATIONS,
             worth: cost,
         };
         let others = OTHER_SIZES.par_iter().filter_map(|&size| {
-            let start = Descent::at(&self.bench.fit, &next, &self.start(score, size));
+            let start = Descent::at(&self.bench.fit, &next, &candidate.start(&self.told, size));
             Some(start.ok()?.run(budget))
         });
         let best = others.min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
@@ -234,7 +233,7 @@ impl<'a> Refits<'a> {
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
     /// cost: the rope that one effect found may be the cause's as well, and the way there from a model that is far off is
     /// a matter of luck. A tip mass was never found where a density gradient was.
-    fn restart_where_one_passed(&self, tried: &mut [(&Score, Tried)]) {
+    fn restart_where_one_passed(&self, tried: &mut [(&Candidate, Tried)]) {
         let passed = tried.iter().map(|(_, t)| t).filter(|t| t.0.passed);
         let Some(best) = passed.min_by(|a, b| a.2.cost.total_cmp(&b.2.cost)) else {
             return;
@@ -244,34 +243,39 @@ impl<'a> Refits<'a> {
             evaluations: REFIT_EVALUATIONS,
             worth: HOPELESS * best.2.cost,
         };
-        tried.par_iter_mut().for_each(|(score, tried)| {
-            let next = self.now.structure.with(score.effect());
-            let start = Descent::at(&self.bench.fit, &next, &with_nothing_of(score, &own));
+        tried.par_iter_mut().for_each(|(candidate, tried)| {
+            let next = candidate.added_to(&self.now.structure);
+            let start = Descent::at(&self.bench.fit, &next, &candidate.nothing(&own));
             let again = start.ok().map(|start| start.run(budget));
             let better = again.filter(|descent| descent.cost() < tried.2.cost);
-            if let Some(better) = better.and_then(|descent| self.judge(score, descent)) {
+            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent)) {
                 *tried = better;
             }
         });
     }
 
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
-    fn judge(&self, score: &Score, descent: Descent) -> Option<Tried> {
+    fn judge(&self, candidate: &Candidate, descent: Descent) -> Option<Tried> {
         let fitted = descent.finish();
-        let effect = score.effect();
-        let next = self.now.structure.with(effect);
+        let next = candidate.added_to(&self.now.structure);
         let held_out = self.bench.held_out.residuals(&next, &fitted.best.theta).ok()?;
         let mut refit = Refit {
-            id: score.id.clone(),
-            parameters: estimates(&fitted.best, &next)[next.entries(effect)].to_vec(),
+            ids: candidate.ids.clone(),
+            parameters: estimates(&fitted.best, &next).split_off(self.told.len()),
             theta: fitted.best.theta.clone(),
             fit: ResidualSummary::of(&fitted.best),
             held_out: ResidualSummary::of(&held_out),
             gates: Vec::new(),
             passed: false,
         };
-        let free = self.bench.fit.free_entries(&next, &fitted.best, effect);
-        refit.gates = statistical_gates(score, (&self.left, &self.now.held), (&refit, free), self.options);
+        let entries = |effect| self.bench.fit.free_entries(&next, &fitted.best, effect);
+        let free = candidate.effects().map(entries).sum();
+        refit.gates = statistical_gates(
+            candidate,
+            (&self.now.left, &self.now.held),
+            (&refit, free),
+            self.options,
+        );
         if fitted.stop == StopReason::GivenUp {
             refit.gates.insert(0, given_up(fitted.evaluations));
         }
@@ -295,12 +299,6 @@ fn told(best: &Evaluation, structure: &Structure) -> Vec<f64> {
         .collect()
 }
 
-/// θ of a model with an effect that does nothing.
-fn with_nothing_of(score: &Score, theta: &[f64]) -> Vec<f64> {
-    let nothing = effects::ALL[score.effect()].vanishing();
-    theta.iter().copied().chain(nothing).collect()
-}
-
 /// The other evaluations, where there is hope that they find the least cost.
 fn to_the_end(descent: Descent, least: f64) -> Descent {
     let budget = Budget {
@@ -316,13 +314,13 @@ fn to_the_end(descent: Descent, least: f64) -> Descent {
 /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
 /// valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect did not
 /// explain it.
-fn best_to_rest<'a>(descents: Vec<Runner<'a>>) -> Vec<Runner<'a>> {
+fn best_to_rest<'c, 'a>(descents: Vec<Runner<'c, 'a>>) -> Vec<Runner<'c, 'a>> {
     let costs = descents.iter().map(|runner| runner.1.cost());
     let near = NEAR_THE_BEST * costs.fold(f64::INFINITY, f64::min);
-    let to_rest = |(score, descent): Runner<'a>| {
+    let to_rest = |(candidate, descent): Runner<'c, 'a>| {
         let near = descent.cost() <= near;
         (
-            score,
+            candidate,
             if near {
                 descent.run(2 * REFIT_EVALUATIONS)
             } else {
@@ -363,10 +361,6 @@ fn batches(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
     [first, others, slight]
 }
 
-fn names(scores: &[&Score]) -> Vec<String> {
-    scores.iter().map(|s| s.id.clone()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
@@ -380,9 +374,14 @@ mod tests {
         }
     }
 
+    fn names(scores: &[&Score]) -> Vec<String> {
+        scores.iter().map(|s| s.id.clone()).collect()
+    }
+
     fn table(scores: Vec<Score>) -> ScoreTable {
         ScoreTable {
             scores,
+            subsets: Vec::new(),
             discretisation_mm: 0.0,
             untested: Vec::new(),
         }
@@ -398,12 +397,13 @@ mod tests {
         let now = base(&bench);
         let table = table(Vec::new());
         let refits = Refits::new(&bench, &now, &table, &options);
-        let refit = |score: &Score, theta: &[f64], budget: usize| {
-            let next = now.structure.with(score.effect());
+        let refit = |candidate: &Candidate, theta: &[f64], budget: usize| {
+            let next = candidate.added_to(&now.structure);
             let start = Descent::at(&bench.fit, &next, theta).unwrap();
-            refits.judge(score, start.run(budget)).unwrap()
+            refits.judge(candidate, start.run(budget)).unwrap()
         };
-        let [mass, gradient] = ["tip_mass", "density_gradient"].map(|id| score(id, 60.0, 80.0, &[]));
+        let [mass, gradient] =
+            ["tip_mass", "density_gradient"].map(|id| Candidate::from(&score(id, 60.0, 80.0, &[])));
         let mut passed = refit(&gradient, &[YOUNG_PA.ln(), 0.3, 0.5], REFIT_EVALUATIONS);
         passed.0.passed = true;
         let failed = refit(&mass, &[4e6_f64.ln(), 0.3, 0.0], 1);

@@ -7,7 +7,7 @@ use super::round::{Refit, Round};
 use super::rounds::Bench;
 use crate::effects;
 use crate::fit::{FitError, estimates, fit_from, fit_from_first};
-use crate::residual::ResidualSummary;
+use crate::model::Structure;
 
 /// A model that was just extended, without those of its earlier effects that it needs no more, and their names: what an
 /// effect took away in place of another it leaves to that one once it is there. What remains costs less than the model
@@ -20,7 +20,7 @@ pub(super) fn needed(
     progress: &dyn Fn(&str),
 ) -> (Standing, Vec<String>) {
     let mut dropped = Vec::new();
-    for effect in doubtful(&model) {
+    for effect in doubtful(&model, &before.structure.effects) {
         let id = effects::ALL[effect].id;
         progress(&format!("asking whether {id} is still needed"));
         let smaller = without(bench, &model, effect);
@@ -34,14 +34,22 @@ pub(super) fn needed(
     (model, dropped)
 }
 
-/// Effects before the last that may be nothing.
-fn doubtful(model: &Standing) -> Vec<usize> {
+/// Which of the effects that a model was extended by together it does not need.
+pub(super) fn needs_not(bench: &Bench, model: &Standing, added: &[String]) -> Vec<String> {
+    let added = Structure::of_ids(added).effects;
+    let not = doubtful(model, &added)
+        .into_iter()
+        .filter(|&effect| without(bench, model, effect).is_some());
+    not.map(|effect| effects::ALL[effect].id.to_owned()).collect()
+}
+
+/// Those of some effects that may be nothing.
+fn doubtful(model: &Standing, some: &[usize]) -> Vec<usize> {
     if !model.rivals.is_empty() {
         return Vec::new();
     }
     let all = estimates(&model.fitted.best, &model.structure);
-    let earlier = model.structure.effects.split_last().map_or(&[][..], |(_, e)| e);
-    let nothing = earlier.iter().filter(|&&effect| {
+    let nothing = some.iter().filter(|&&effect| {
         let own = &all[model.structure.entries(effect)];
         !clear_of_nothing(&effects::ALL[effect], own)
     });
@@ -58,8 +66,7 @@ fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
     let free = bench
         .fit
         .free_entries(&model.structure, &model.fitted.best, effect);
-    let [smaller, larger] = [&without, model].map(|of| ResidualSummary::of(&of.fitted.best));
-    let worse = needs(free, [&smaller, &larger]) || needs(free, [&without.held, &model.held]);
+    let worse = needs(free, [&without, model]);
     let values = estimates(&without.fitted.best, &without.structure);
     (within_ranges(&without.structure, &values) && !worse).then_some(without)
 }
@@ -103,7 +110,7 @@ pub(super) fn better(
 fn better_starts(last: &Standing, rounds: &[Round]) -> Vec<Vec<f64>> {
     /// A start costs an evaluation at least.
     const MOST: usize = 3;
-    let left_mm = ResidualSummary::of(&last.fitted.best).rms_mm;
+    let left_mm = last.left.rms_mm;
     // Refits of a round that accepted an effect are of the model before.
     let of_it = rounds.last().filter(|round| round.known == last.structure.ids());
     let refits = of_it.map_or(&[][..], |round| &round.refits);
@@ -125,25 +132,21 @@ pub(super) mod tests {
     use crate::demo::Demo;
     use crate::diagnose::{LoopOptions, ScoreTable};
     use crate::fit::Resolution;
-    use crate::model::Structure;
+    use crate::residual::ResidualSummary;
     use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 
     /// A model that leaves `rms_mm` everywhere.
     fn standing(ids: &[&str], rms_mm: f64) -> Standing {
         let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
         let fitted = fitted(&structure, 1e-3 * rms_mm);
-        Standing {
-            held: ResidualSummary::of(&fitted.best),
-            fitted,
-            structure,
-            rivals: Vec::new(),
-        }
+        let held = ResidualSummary::of(&fitted.best);
+        Standing::judged(structure, fitted, held)
     }
 
     fn refit(theta: &[f64], rms_mm: f64) -> Refit {
         let left = standing(&[], rms_mm).held;
         Refit {
-            id: "tilted_gravity".into(),
+            ids: vec!["tilted_gravity".into()],
             parameters: Vec::new(),
             theta: theta.to_vec(),
             fit: left.clone(),
@@ -166,11 +169,12 @@ pub(super) mod tests {
             known: known.iter().map(ToString::to_string).collect(),
             table: ScoreTable {
                 scores: Vec::new(),
+                subsets: Vec::new(),
                 discretisation_mm: 0.0,
                 untested: Vec::new(),
             },
             refits: refits.clone(),
-            accepted: None,
+            accepted: Vec::new(),
             dropped: Vec::new(),
         };
         let starts = |left_mm, known| better_starts(&standing(&["tip_mass"], left_mm), &[round(known)]);
@@ -213,12 +217,17 @@ pub(super) mod tests {
         ];
         let demos = recorded(&parts);
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
-        let structure = Structure::of_ids(&parts.each_ref().map(|part| part.id.clone()));
+        let [first, last] = parts.each_ref().map(|part| effects::find(&part.id).unwrap());
+        let structure = Structure::default().with(first);
+        let nothing = vec![YOUNG_PA.ln(), 0.3, 0.0];
+        let fitted = fit_from(&bench.fit, &structure, nothing, 1).unwrap();
+        let before = Standing::of(&bench, structure.clone(), fitted).unwrap();
+        let structure = structure.with(last);
         let values = parts.iter().flat_map(|part| part.values.clone());
         let theta = [YOUNG_PA.ln(), 0.3].into_iter().chain(values).collect();
         let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).unwrap();
         let model = Standing::of(&bench, structure, fitted).unwrap();
-        let (model, dropped) = needed(&bench, &base(&bench), model, &|_| ());
+        let (model, dropped) = needed(&bench, &before, model, &|_| ());
         assert_eq!(model.structure.effects.len() + dropped.len(), 2);
         model.structure.ids()
     }

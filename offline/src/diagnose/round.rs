@@ -1,22 +1,23 @@
 //! One round of the loop: score every effect, refit in full what may be the cause, choose.
 
-use super::choice::{Choice, Found, Standing};
+use super::candidate::Candidate;
+use super::choice::{Choice, Standing};
 use super::gates::Gate;
 use super::refits::Refits;
 use super::rounds::{Bench, LoopOptions, Part};
-use super::score::{ScoreProblem, ScoreTable, Untested};
+use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Untested};
 use crate::effects;
 use crate::fit::{FitError, Library, along_rows, grid_errors};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
 
-/// A full refit with one more effect.
+/// A full refit with one more effect, or several at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refit {
-    /// Name of the effect.
-    pub id: String,
-    /// Parameters of the effect.
+    /// Names of the effects.
+    pub ids: Vec<String>,
+    /// Their parameters, effect after effect.
     pub parameters: Vec<Estimate>,
     /// All parameters of the model, as the fit takes them.
     pub theta: Vec<f64>,
@@ -30,6 +31,19 @@ pub struct Refit {
     pub passed: bool,
 }
 
+impl Refit {
+    /// One more question that decides whether it passes.
+    pub(super) fn ask(&mut self, gates: Vec<Gate>) {
+        self.passed &= gates.iter().all(|gate| gate.passed);
+        self.gates.extend(gates);
+    }
+
+    /// Whether it is one with a single effect of this name.
+    pub fn is_of(&self, id: &str) -> bool {
+        self.ids == [id]
+    }
+}
+
 /// One round of the loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Round {
@@ -39,9 +53,9 @@ pub struct Round {
     pub table: ScoreTable,
     /// Refits of the best.
     pub refits: Vec<Refit>,
-    /// The effect that was accepted.
-    pub accepted: Option<String>,
-    /// Effects of the model at the start that it needs no more beside the one that was accepted.
+    /// The effects that were accepted: one, several that pass only together, or none.
+    pub accepted: Vec<String>,
+    /// Effects of the model at the start that it needs no more beside those that were accepted.
     #[serde(default)]
     pub dropped: Vec<String>,
 }
@@ -49,43 +63,58 @@ pub struct Round {
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 
+/// A round on a model: what it came to, the model with what was accepted, and the slopes of the whole library.
 pub(super) fn one_round(
     bench: &Bench,
     now: &Standing,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<(Round, Found, Library), FitError> {
+) -> Result<(Round, Option<Standing>, Library), FitError> {
     let (structure, fitted) = (&now.structure, &now.fitted);
     progress("scoring every effect of the library from one pass of tangents");
     let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
-    let listed = table.scores.iter().take(LISTED);
-    let listed: Vec<String> = listed
-        .map(|s| format!("{} {:.0} (of {:.0})", s.id, s.statistic, s.threshold))
-        .collect();
-    progress(&format!("best scores (needed): {}", listed.join(", ")));
+    tell(&table, progress);
     let candidates = Refits::new(bench, now, &table, options);
     let mut choice = Choice::default();
     choice.among(bench, now, candidates.leading(progress), options, progress)?;
-    if !choice.accepted() {
+    if choice.accepted.is_none() {
         let others = candidates.others(&choice.refits, progress);
         choice.among(bench, now, others, options, progress)?;
     }
-    if !choice.accepted() {
+    if choice.accepted.is_none() {
         choice.among(bench, now, candidates.slight(progress), options, progress)?;
     }
-    let (refits, found) = choice.end();
-    let accepted = match &found {
-        Found::Accepted(next) => next.last_effect(),
-        Found::OnTrial(_) => None,
-    };
+    for members in 2..=MOST_MEMBERS {
+        if choice.accepted.is_none() {
+            let together = candidates.together(members, progress);
+            choice.among(bench, now, together, options, progress)?;
+        }
+    }
+    let (accepted, next) = choice.accepted.unzip();
     let round = Round {
         known: structure.ids(),
         table,
-        refits,
-        accepted,
+        refits: choice.refits,
+        accepted: accepted.unwrap_or_default(),
         dropped: Vec::new(),
     };
-    Ok((round, found, library))
+    Ok((round, next, library))
+}
+
+/// The best scores, for whoever watches.
+fn tell(table: &ScoreTable, progress: &dyn Fn(&str)) {
+    let tell = |what: &str, all: Vec<Candidate>| {
+        let told = all.iter().take(LISTED);
+        let told = told.map(|c| format!("{} {:.0} (of {:.0})", c.name(), c.statistic, c.threshold));
+        progress(&format!(
+            "best {what} (needed): {}",
+            told.collect::<Vec<_>>().join(", ")
+        ));
+    };
+    tell("scores", table.scores.iter().map(Candidate::from).collect());
+    if !table.subsets.is_empty() {
+        tell("together", table.subsets.iter().map(Candidate::from).collect());
+    }
 }
 
 fn score(

@@ -1,8 +1,7 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::choice::{Found, Standing};
-use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm, explains};
-use super::gates::{MOST, all_physical, excess_removed, within_ranges};
+use super::choice::Standing;
+use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::revise::{better, needed};
@@ -11,7 +10,7 @@ use super::verdict::{ReasonCode, Verdict};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, estimates,
+    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution,
     estimates_within, fit, fit_from, grid_shift,
 };
 use crate::model::{Estimate, Structure};
@@ -101,8 +100,8 @@ pub struct Outcome {
     pub reasons: Vec<ReasonCode>,
     /// Measured over declared noise.
     pub noise_scale: Option<f64>,
-    /// Effects that fit as well as the last one found.
-    pub rivals: Vec<String>,
+    /// What fits as well as the effects that were accepted last.
+    pub rivals: Vec<Vec<String>>,
     /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
     pub library: Option<Library>,
     /// How far the simulation's own error may have moved each entry of the final θ.
@@ -288,19 +287,18 @@ pub fn resume_loop(
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
         Some(memory) => SoFar::again(memory, &bench)?,
-        None => SoFar::of(Standing {
-            fitted: bench.again(&structure, &base.best.theta)?,
-            structure,
-            held: ResidualSummary::of(&held_out_before),
-            rivals: Vec::new(),
-        }),
+        None => {
+            let fitted = bench.again(&structure, &base.best.theta)?;
+            SoFar {
+                now: Standing::judged(structure, fitted, ResidualSummary::of(&held_out_before)),
+                rounds: Vec::new(),
+            }
+        }
     };
     let keep = |so_far: &SoFar| {
         keep(&Memory {
             base: KeptFit::of(&base),
             now: KeptModel::of(&so_far.now),
-            on_trial_since: so_far.on_trial_since.as_ref().map(KeptModel::of),
-            waiting: so_far.waiting.iter().map(KeptModel::of).collect(),
             rounds: so_far.rounds.clone(),
         });
     };
@@ -344,20 +342,11 @@ pub fn resume_loop(
 /// How far the loop has come.
 struct SoFar {
     now: Standing,
-    /// The model before the effect that goes along on trial.
-    on_trial_since: Option<Standing>,
-    /// Models with another effect that go along if that one fails.
-    waiting: Vec<Standing>,
     rounds: Vec<Round>,
 }
 
 /// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
 /// slopes of the last of them.
-///
-/// Two causes can hide each other: what one leaves makes the likelihood of the other say little, and frames that are
-/// held out hold more of it. So where nothing passes, but something would if that were all, it goes along for one
-/// round more, and if that fails what only makes up for another. Both are accepted where they explain it together, or
-/// most of it where fitted and where held out, and neither otherwise.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,
@@ -371,114 +360,44 @@ fn all_rounds(
             keep(&at);
         }
         let (mut round, found, slopes) = one_round(bench, &at.now, options, progress)?;
-        let found = match found {
-            Found::Accepted(next) => {
-                let (next, dropped) = needed(bench, &at.now, *next, progress);
-                round.dropped = dropped;
-                Found::Accepted(Box::new(next))
-            }
-            other => other,
-        };
-        match (found, at.on_trial_since.take()) {
-            (Found::Accepted(next), None) => at.now = *next,
-            (Found::Accepted(next), Some(before)) if complete(bench, &before, &next, &at.rounds) => {
-                let stays = |id: &String| !round.dropped.contains(id);
-                if let Some(trial) = at.rounds.last_mut() {
-                    trial.accepted = at.now.last_effect().filter(stays);
-                }
-                at.waiting.clear();
-                at.now = *next;
-            }
-            (_, Some(before)) => {
-                progress("the effect on trial does not explain it in company either");
-                // What this round says is said of a model that is given up.
-                at.now = before;
-                if at.next_on_trial(progress) {
-                    continue;
-                }
-                break;
-            }
-            (Found::OnTrial(models), None) => {
-                let room = |model: &Standing| physical_effects(&model.structure) < options.max_effects;
-                at.waiting = models.into_iter().filter(room).collect();
-                done = !at.next_on_trial(progress);
-            }
+        done = found.is_none();
+        if let Some(next) = found {
+            (at.now, round.dropped) = needed(bench, &at.now, next, progress);
         }
         at.rounds.push(round);
         library = Some(slopes);
     }
-    let last = at.on_trial_since.unwrap_or(at.now);
-    Ok((better(bench, last, &at.rounds, progress)?, at.rounds, library))
+    Ok((better(bench, at.now, &at.rounds, progress)?, at.rounds, library))
 }
 
 impl SoFar {
-    /// The loop before its first round.
-    fn of(start: Standing) -> Self {
-        Self {
-            now: start,
-            on_trial_since: None,
-            waiting: Vec::new(),
-            rounds: Vec::new(),
-        }
-    }
-
     /// The loop where a killed one was.
     fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
         Ok(Self {
             now: memory.now.again(bench)?,
-            on_trial_since: memory.on_trial_since.map(|kept| kept.again(bench)).transpose()?,
-            waiting: memory
-                .waiting
-                .iter()
-                .map(|kept| kept.again(bench))
-                .collect::<Result<_, _>>()?,
             rounds: memory.rounds,
         })
-    }
-
-    /// Lets the next model go along for a round; whether there is one.
-    fn next_on_trial(&mut self, progress: &dyn Fn(&str)) -> bool {
-        if self.waiting.is_empty() {
-            return false;
-        }
-        let next = self.waiting.remove(0);
-        let id = next.last_effect().unwrap_or_default();
-        progress(&format!("nothing passes alone: {id} goes along on trial"));
-        self.on_trial_since = Some(std::mem::replace(&mut self.now, next));
-        true
     }
 
     /// Whether there is something left that a further round could explain.
     fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
         let fitted = &self.now.fitted;
         physical_effects(&self.now.structure) < options.max_effects
-            && ResidualSummary::of(&fitted.best).floors > WHITE_FLOORS
+            && self.now.left.floors > WHITE_FLOORS
             && !only_numerical(fitted, &self.rounds, bench.doubt(fitted))
     }
 }
 
 /// How many effects of a model are the rope's or the rig's: where the cameras stand is no theory of either.
-fn physical_effects(structure: &Structure) -> usize {
+pub(super) fn physical_effects(structure: &Structure) -> usize {
     let physical = |&&effect: &&usize| !effects::ALL[effect].nuisance;
     structure.effects.iter().filter(physical).count()
-}
-
-/// Whether a model explains what one before it left with values that are physical and not nothing; or most of it where
-/// fitted and where held out with physical values: what it does not need has been taken out of it ([`needed`]).
-fn complete(bench: &Bench, before: &Standing, after: &Standing, rounds: &[Round]) -> bool {
-    let [left, leaves] = [before, after].map(|model| ResidualSummary::of(&model.fitted.best));
-    let numerical_mm = rounds.last().map_or(0.0, |round| round.table.discretisation_mm);
-    let most = |before, after| excess_removed(before, after, numerical_mm) >= MOST;
-    let values = estimates(&after.fitted.best, &after.structure);
-    let explained = explains(&left, &after.fitted, bench.doubt(&after.fitted), numerical_mm);
-    explained && all_physical(&after.structure, &values)
-        || most(&left, &leaves) && most(&before.held, &after.held) && within_ranges(&after.structure, &values)
 }
 
 /// Whether the last round explained everything but what the simulation itself is known to be off by. No
 /// further effect could be believed, and a round takes as long as all before it.
 fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
-    let last = rounds.last().filter(|round| round.accepted.is_some());
+    let last = rounds.last().filter(|round| !round.accepted.is_empty());
     last.is_some_and(|round| excess_mm(fitted, doubt) <= round.table.discretisation_mm)
 }
 

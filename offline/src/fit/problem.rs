@@ -8,9 +8,9 @@ use crate::demo::Demo;
 use crate::effects;
 use crate::model::{ParameterInfo, Structure};
 use crate::observe::{Centreline, Row, Section, bracket, measure};
+use crate::sim::Track;
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
-use crate::sim::rollout::Track;
 use crate::sim::start::Start;
 use crate::sim::tensor::value3;
 use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, simulate_hung};
@@ -134,8 +134,9 @@ impl<'a> Problem<'a> {
         self.frames = frames;
         for d in 0..self.demos.len() {
             let rests = self.rests(d);
+            let seen = self.demos[d].times_s().len();
             let times_s = &mut self.scenes[d].frame_times_s;
-            let counts = |&frame: &usize| frames.contains(frame, times_s.len(), rests);
+            let counts = |&frame: &usize| frames.contains(frame, seen, rests);
             let kept = (0..times_s.len()).rev().find(counts).map_or(0, |last| last + 1);
             if kept < times_s.len() && !rests {
                 times_s.truncate(kept);
@@ -337,7 +338,7 @@ impl<'a> Problem<'a> {
 
     /// Whether a demonstration is poses at rest: a search for them takes double precision throughout, tangents too.
     pub(super) fn rests(&self, demo: usize) -> bool {
-        matches!(self.scenes[demo].start, Start::Poses(_))
+        self.demos[demo].spec.is_static()
     }
 
     /// The same problem, in which ropes that hang are sought where they rest at θ: a rope much like that one is found
@@ -406,8 +407,7 @@ impl<'a> Problem<'a> {
         let scene = &self.scenes[demo];
         let mut physics = self.physics(demo, structure, theta);
         physics.force_field = force_field;
-        let hung = self.hung(demo, structure, theta).map_err(stopped)?;
-        simulate_hung(scene, &physics, hung).map_err(stopped)
+        simulate_hung(scene, &physics, || self.hung(demo, structure, theta)).map_err(stopped)
     }
 
     /// How the rope of a demonstration that goes on in time hangs at its start, found in double precision.

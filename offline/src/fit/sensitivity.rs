@@ -9,9 +9,9 @@
 use super::problem::{FitError, Problem};
 use crate::effects::{self, Slope};
 use crate::model::Structure;
+use crate::sim::Track;
 use crate::sim::dual::Dual;
 use crate::sim::real::{Arithmetic, Float};
-use crate::sim::rollout::Track;
 use crate::sim::tensor::{Vec3, lift3, value3};
 use crate::sim::{Laned, Physics, Real, Rollout};
 use rayon::prelude::*;

@@ -37,7 +37,7 @@ pub(super) struct DiagnosisFile {
     verdict_in_words: String,
     reasons: Vec<ReasonCode>,
     noise_scale: Option<f64>,
-    rivals: Vec<String>,
+    rivals: Vec<Vec<String>>,
     fit_before: ResidualSummary,
     fit_after: ResidualSummary,
     held_out_before: ResidualSummary,
@@ -103,7 +103,7 @@ pub fn identify(
 }
 
 /// Kind and version of the file that holds what an unfinished diagnosis has come to.
-const MEMORY: &[u8; 8] = b"gnmloop3";
+const MEMORY: &[u8; 8] = b"gnmloop4";
 
 /// The loop, from where a killed run left it.
 fn diagnosed(

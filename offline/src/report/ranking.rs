@@ -60,8 +60,11 @@ fn dropped(rounds: &[Round]) -> Vec<(String, String)> {
     let mut gone: BTreeMap<&String, String> = BTreeMap::new();
     for (number, round) in rounds.iter().enumerate() {
         gone.retain(|id, _| !is_accepted(round, id));
-        let found = round.accepted.as_deref().map_or("it", effect_title);
-        let why = format!("dropped in round {}: beside {found} nothing needs it", number + 1);
+        let why = format!(
+            "dropped in round {}: beside {} nothing needs it",
+            number + 1,
+            titles(&round.accepted)
+        );
         gone.extend(round.dropped.iter().map(|id| (id, why.clone())));
     }
     gone.into_iter().map(|(id, why)| (id.clone(), why)).collect()
@@ -76,21 +79,26 @@ fn known(round: &Round) -> String {
     if round.known.is_empty() {
         return "effects on top of the base model".to_owned();
     }
-    let known: Vec<&str> = round.known.iter().map(|id| effect_title(id)).collect();
-    format!("effects on top of {}", known.join(" and "))
+    format!("effects on top of {}", titles(&round.known))
+}
+
+fn titles(ids: &[String]) -> String {
+    let titles: Vec<&str> = ids.iter().map(|id| effect_title(id)).collect();
+    titles.join(" and ")
 }
 
 fn is_accepted(round: &Round, id: &str) -> bool {
-    round.accepted.as_deref() == Some(id)
+    round.accepted.iter().any(|accepted| accepted == id)
 }
 
-/// Whether an effect was accepted although its refit alone failed a gate.
-fn in_company(round: &Round, refit: &Refit) -> bool {
-    is_accepted(round, &refit.id) && !refit.passed
-}
-
+/// The refit with an effect alone.
 pub(super) fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
-    round.refits.iter().find(|refit| refit.id == id)
+    round.refits.iter().find(|refit| refit.ids == [id])
+}
+
+/// The refit that was accepted.
+fn winner(round: &Round) -> Option<&Refit> {
+    round.refits.iter().find(|refit| refit.ids == round.accepted)
 }
 
 fn ranking(round: &Round) -> Markup {
@@ -115,13 +123,7 @@ fn ranking(round: &Round) -> Markup {
                 }
             }
         } }
-        @if round.refits.iter().any(|refit| in_company(round, refit)) {
-            p {
-                "No effect passed alone: with another cause missing, its value cannot be told from nothing. The best "
-                "was taken along for one round more, and accepted with what that round found, because both together "
-                "leave next to nothing."
-            }
-        }
+        (together(round))
         @for id in &round.dropped {
             p {
                 b { (effect_title(id)) } " is dropped: beside what this round found, the model is no worse without it "
@@ -133,6 +135,37 @@ fn ranking(round: &Round) -> Markup {
             "order. Threshold: what the best score reaches in 95 % of pseudo-data that hold noise and the error "
             "of the grid (" (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect. Absorbed: share of "
             "the effect’s trace that the model’s parameters and a shifted camera can imitate."
+        }
+    }
+}
+
+/// The effects that would explain the residual together, where any was refitted so.
+fn together(round: &Round) -> Markup {
+    let tried = |ids: &[String]| round.refits.iter().find(|refit| refit.ids == ids);
+    let subsets = round.table.subsets.iter();
+    let refitted: Vec<_> = subsets.filter_map(|s| Some((s, tried(&s.ids)?))).collect();
+    html! {
+        @if !refitted.is_empty() {
+            p {
+                "No effect passed alone: two causes can hide each other. Those that would explain most together, to first "
+                "order and with physical values, were refitted together; they have to take away half of the excess, where "
+                "fitted and where held out, and none of them may be one without which the model is as good."
+            }
+            div.scroll { table {
+                tr { th { "together" } th.n { "score" } th.n { "threshold" } th { "outcome" } }
+                @for (subset, refit) in refitted {
+                    tr.best[subset.ids == round.accepted] {
+                        td { (titles(&subset.ids)) }
+                        td.n { (tidy(subset.statistic)) }
+                        td.n { (tidy(subset.threshold)) }
+                        td {
+                            @if subset.ids == round.accepted { span.yes { "accepted" } }
+                            @else if refit.passed { "passed, second" }
+                            @else { span.no { "refit failed" } }
+                        }
+                    }
+                }
+            } }
         }
     }
 }
@@ -166,7 +199,7 @@ fn one_step(score: &Score) -> Markup {
 /// What became of an effect, in a word.
 pub(super) fn outcome(round: &Round, score: &Score) -> &'static str {
     match refit(round, &score.id) {
-        Some(refit) if in_company(round, refit) => "accepted, in company",
+        _ if is_accepted(round, &score.id) && round.accepted.len() > 1 => "accepted, in company",
         _ if is_accepted(round, &score.id) => "accepted",
         Some(refit) if refit.passed => "passed, second",
         Some(_) => "refit failed",
@@ -188,21 +221,21 @@ fn brief(round: &Round, score: &Score) -> Markup {
 
 /// Why an effect was not accepted.
 pub(super) fn reason(round: &Round, score: &Score) -> String {
-    let accepted = round.refits.iter().find(|refit| is_accepted(round, &refit.id));
+    let accepted = winner(round);
     let statistic = tidy(score.statistic);
     match (refit(round, &score.id), accepted) {
         (Some(other), Some(best)) if other.passed && other.held_out.rms_mm < best.held_out.rms_mm => format!(
             "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: not so much less as to \
              outweigh how far off the rig would have been set up",
             other.held_out.rms_mm,
-            effect_title(&best.id),
+            titles(&best.ids),
             best.held_out.rms_mm
         ),
         (Some(other), Some(best)) if other.passed => format!(
             "it passes every gate, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
             other.fit.rms_mm,
             other.held_out.rms_mm,
-            effect_title(&best.id),
+            titles(&best.ids),
             best.fit.rms_mm,
             best.held_out.rms_mm
         ),
@@ -215,7 +248,7 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
         (None, Some(best)) if score.significant() => format!(
             "not refitted: its score {statistic} is above the threshold, but {} came first and leaves {:.2} mm where \
              fitted, {:.1} noise floors",
-            effect_title(&best.id),
+            titles(&best.ids),
             best.fit.rms_mm,
             best.fit.floors
         ),
@@ -236,7 +269,7 @@ fn refits(round: &Round) -> Markup {
         }
         @for refit in &round.refits {
             p {
-                "Refitted with " b { (effect_title(&refit.id)) }
+                "Refitted with " b { (titles(&refit.ids)) }
                 @for p in &refit.parameters {
                     ", " (without_unit(p.name.split_once('.').map_or(p.name.as_str(), |(_, name)| name)))
                     " = " (with_error(p.value, p.standard_error)) " " (unit(&p.unit))

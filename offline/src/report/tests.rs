@@ -6,7 +6,7 @@ use crate::demo::CloudFrame;
 use crate::demo::Observations;
 use crate::diagnose::{
     Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable,
-    SwingRisk, SwingRisks, TermShare, Verdict,
+    Subset, SwingRisk, SwingRisks, TermShare, Verdict,
 };
 use crate::effects;
 use crate::fit::{self, Correlation, FitResult};
@@ -122,11 +122,12 @@ fn round() -> Round {
                 score("air_drag", 100.0),
                 score("gripper_lag", 3.0),
             ],
+            subsets: Vec::new(),
             discretisation_mm: 0.4,
             untested: Vec::new(),
         },
         refits: vec![Refit {
-            id: "tip_mass".to_owned(),
+            ids: vec!["tip_mass".to_owned()],
             parameters: Vec::new(),
             theta: Vec::new(),
             fit: summary.clone(),
@@ -138,7 +139,7 @@ fn round() -> Round {
             }],
             passed: false,
         }],
-        accepted: None,
+        accepted: Vec::new(),
         dropped: Vec::new(),
     }
 }
@@ -312,27 +313,44 @@ fn maps_before_and_after_share_one_colour_scale() {
 }
 
 #[test]
-fn an_effect_that_passed_only_in_company_is_said_to_have() {
+fn effects_that_passed_only_together_are_said_to_have() {
     let page = |accepted: bool| {
         let mut round = round();
-        round.accepted = accepted.then(|| "tip_mass".to_owned());
+        let ids = ["tip_mass", "air_drag"].map(String::from).to_vec();
+        round.refits.push(Refit {
+            ids: ids.clone(),
+            passed: accepted,
+            ..round.refits[0].clone()
+        });
+        round.table.subsets.push(Subset {
+            ids: ids.clone(),
+            statistic: 950.0,
+            threshold: 100.0,
+            estimate: Vec::new(),
+        });
+        round.accepted = if accepted { ids } else { Vec::new() };
         ranking::section(&[round]).into_string()
     };
-    let told = ["accepted, in company", "No effect passed alone"];
+    let told = [
+        "No effect passed alone",
+        "Refitted with <b>tip mass and air drag</b>",
+    ];
     assert!(told.iter().all(|words| page(true).contains(words)));
-    assert!(told.iter().all(|words| !page(false).contains(words)));
+    assert!(told.iter().all(|words| page(false).contains(words)));
+    assert!(page(true).contains("accepted, in company"));
+    assert!(!page(false).contains("accepted, in company"));
 }
 
 #[test]
 fn an_effect_that_another_replaced_is_said_to_be_dropped() {
     let mut first = round();
-    first.accepted = Some("yield".into());
+    first.accepted = vec!["yield".into()];
     let mut second = round();
-    (second.accepted, second.dropped) = (Some("tip_mass".into()), vec!["yield".into()]);
+    (second.accepted, second.dropped) = (vec!["tip_mass".into()], vec!["yield".into()]);
     second.table.scores.retain(|score| score.id != "yield");
     let third = round();
     let back = Round {
-        accepted: Some("yield".into()),
+        accepted: vec!["yield".into()],
         ..round()
     };
     let why = |rounds: &[&Round]| -> Vec<String> {
@@ -380,11 +398,11 @@ fn every_effect_that_was_not_accepted_has_a_reason() {
 fn why_what_leaves_less_was_not_accepted_is_said() {
     let mut round = round();
     let mut other = round.refits[0].clone();
-    other.id = round.table.scores[1].id.clone();
+    other.ids = vec![round.table.scores[1].id.clone()];
     other.passed = true;
     other.held_out.rms_mm = 4.03;
     round.refits[0].held_out.rms_mm = 4.06;
-    round.accepted = Some(round.refits[0].id.clone());
+    round.accepted = round.refits[0].ids.clone();
     round.refits.push(other);
     let why = ranking::reason(&round, &round.table.scores[1]);
     assert!(

@@ -3,13 +3,14 @@
 use super::error::SimError;
 use super::physics::Physics;
 use super::real::Real;
-use super::rollout::{Rollout, Track, perpendicular};
+use super::rollout::{Rollout, perpendicular};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::{Hang, Start};
 use super::statics::{Nodes, Pose, Statics};
 use super::step::Particle;
 use super::tensor::{Mat3, Vec3, add, scaled, sub, zero3};
+use super::track::Track;
 use rayon::prelude::*;
 
 /// Particles of the undeformed rope at rest.

@@ -132,9 +132,10 @@ mod widest;
 
 pub use dual::Dual;
 pub use error::{Cause, SimError};
-pub use hanging::Hung;
+pub use hanging::{Hung, initial_particles};
 pub use lanes::Laned;
 pub use physics::Physics;
 pub use real::{Arithmetic, Real};
 pub use rollout::{Rollout, simulate, simulate_hung};
 pub use scene::Scene;
+pub use track::Track;

@@ -5,8 +5,7 @@ use super::clamp::RigidMotion;
 use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
-pub use super::hanging::initial_particles;
-use super::hanging::{Hung, hang_still};
+use super::hanging::{Hung, hang_still, initial_particles};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{Laned, Portable};
@@ -20,7 +19,7 @@ use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
 use super::tensor::{Vec3, add, scaled, sub};
-pub use super::track::Track;
+use super::track::Track;
 use crate::demo::RopeEnd;
 
 /// What a simulation returns.
@@ -52,18 +51,18 @@ pub struct Rollout<T> {
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    simulate_hung(scene, physics, None)
+    simulate_hung(scene, physics, || Ok(None))
 }
 
-/// The same where it is known how the rope hangs at the start. Where it hangs takes double precision to find
-/// ([`Laned::Double`]), its motion from there does not.
+/// The same where `hung` knows how the rope hangs at the start; asked once what can be simulated at all is checked. Where
+/// it hangs takes double precision to find ([`Laned::Double`]), its motion from there does not.
 ///
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate_hung<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: Option<Hung<T>>,
+    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     #[cfg(target_arch = "x86_64")]
     {
@@ -85,7 +84,7 @@ pub fn simulate_hung<T: Laned>(
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, OneByOne<T>>(scene, physics, None)
+    run::<T, OneByOne<T>>(scene, physics, || Ok(None))
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -93,7 +92,7 @@ pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Resu
 unsafe fn run_avx512<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: Option<Hung<T>>,
+    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     run::<T, Sweep<T, Avx512>>(scene, physics, hung)
 }
@@ -103,7 +102,7 @@ unsafe fn run_avx512<T: Laned>(
 unsafe fn run_avx2<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: Option<Hung<T>>,
+    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     run::<T, Sweep<T, Avx2>>(scene, physics, hung)
 }
@@ -112,7 +111,7 @@ unsafe fn run_avx2<T: Laned>(
 fn run<T: Real, E: Engine<T>>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: Option<Hung<T>>,
+    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     if let Start::Poses(poses) = &scene.start {
         check_parameters(physics)?;
@@ -120,7 +119,7 @@ fn run<T: Real, E: Engine<T>>(
         return hang_still(scene, physics, poses);
     }
     let setup = Setup::new(scene, physics)?;
-    let mut engine: E = setup.hanging_engine(hung)?;
+    let mut engine: E = setup.hanging_engine(hung()?)?;
     let mut recorder = Recorder::new(scene);
     let mut state = 0;
     while state <= setup.steps {

@@ -407,7 +407,8 @@ pub(super) fn field_of_nodes<T: Real>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::rollout::{initial_particles, masses_kg, mouths};
+    use crate::sim::initial_particles;
+    use crate::sim::rollout::{masses_kg, mouths};
     use crate::sim::rope::RopeShape;
     use crate::sim::scene::fastest_pa;
     use crate::sim::tensor::dot;

@@ -15,7 +15,7 @@ use self::motion::Motion;
 use self::terms::{TermShare, stable_terms};
 use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome};
-use crate::demo::{Demo, SceneKind};
+use crate::demo::Demo;
 use crate::fit::{FitError, KNOTS, Problem};
 use crate::sim::Scene;
 use crate::sim::tensor::dot;
@@ -79,7 +79,7 @@ pub fn residual_force(
     outcome: &Outcome,
     options: &LoopOptions,
 ) -> Result<Option<ResidualForce>, FitError> {
-    let moves = |demo: &Demo| demo.spec.scene != SceneKind::Static;
+    let moves = |demo: &Demo| !demo.spec.is_static();
     if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }

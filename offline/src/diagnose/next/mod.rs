@@ -27,7 +27,7 @@ use super::choice::tie_spread;
 use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome, problems};
 use super::verdict::Verdict;
-use crate::demo::{Demo, SceneKind};
+use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{Correlation, FitError, Problem};
 use crate::sim::rope::RopeShape;
@@ -202,7 +202,7 @@ impl<'a> Desk<'a> {
         let (mut problem, _) = problems(demos, held_out, options)?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         // Poses at rest have no motion to vary.
-        let moves = |demo: &&Demo| demo.spec.scene != SceneKind::Static;
+        let moves = |demo: &&Demo| !demo.spec.is_static();
         let varied = demos.iter().position(moves).unwrap_or(0);
         Ok(Self {
             noise: Noise::at_rest(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),

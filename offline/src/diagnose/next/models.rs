@@ -46,31 +46,24 @@ impl Model {
 }
 
 /// The models between which the data cannot choose: the final one and those with a rival in the place of
-/// its last effect.
+/// what was accepted last.
 pub(super) fn alike(outcome: &Outcome) -> Vec<Model> {
     let last = Model {
         structure: outcome.structure.clone(),
         theta: outcome.fitted.best.theta.clone(),
     };
     let mut found = vec![last];
-    let round = outcome.rounds.iter().rfind(|round| round.accepted.is_some());
+    let round = outcome.rounds.iter().rfind(|round| !round.accepted.is_empty());
     if let (Some(round), Verdict::Confounded { .. }) = (round, &outcome.verdict) {
-        let known = outcome.structure.effects[..outcome.structure.effects.len() - 1].to_vec();
-        for refit in round
-            .refits
-            .iter()
-            .filter(|refit| outcome.rivals.contains(&refit.id))
-        {
-            if let Some(effect) = effects::find(&refit.id) {
-                found.push(Model {
-                    structure: Structure {
-                        effects: known.clone(),
-                    }
-                    .with(effect),
+        let refits = round.refits.iter();
+        found.extend(
+            refits
+                .filter(|refit| outcome.rivals.contains(&refit.ids))
+                .map(|refit| Model {
+                    structure: Structure::of_ids(&[&round.known[..], &refit.ids].concat()),
                     theta: refit.theta.clone(),
-                });
-            }
-        }
+                }),
+        );
     }
     found
 }

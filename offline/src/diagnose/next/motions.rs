@@ -97,7 +97,7 @@ fn middle_step(times: &[f64]) -> Option<f64> {
 
 impl<'a> Recording<'a> {
     fn new(demo: &'a Demo, places: Places<'a>) -> Result<Self, &'static str> {
-        if demo.spec.scene == SceneKind::Static {
+        if demo.spec.is_static() {
             return Err("the demonstration is a row of poses at rest, without a motion that could be varied");
         }
         if demo.spec.start == StartState::Moving {

@@ -1,5 +1,10 @@
 //! Scores of all effects that the model lacks, from one pass of tangents.
 
+mod subsets;
+
+pub(super) use subsets::MOST_MEMBERS;
+pub use subsets::Subset;
+
 use super::noise::{Noise, Whitener};
 use crate::effects;
 use crate::fit::Evaluation;
@@ -67,6 +72,9 @@ impl Score {
 pub struct ScoreTable {
     /// Best first.
     pub scores: Vec<Score>,
+    /// Effects that would explain the residual together, best first.
+    #[serde(default)]
+    pub subsets: Vec<Subset>,
     /// Root mean square of the estimated discretisation error after the base fit, mm.
     pub discretisation_mm: f64,
     /// Effects that these demonstrations could not be tried with.
@@ -114,8 +122,8 @@ struct Block {
     /// Whether the camera's columns do what it does, so that it is scored without them.
     without_cameras: bool,
     columns: DMatrix<f64>,
-    low: Vec<f64>,
-    high: Vec<f64>,
+    /// Its physical ranges, from where its parameters vanish.
+    ranges: Vec<[f64; 2]>,
     precision: Vec<f64>,
 }
 
@@ -171,8 +179,10 @@ impl ScoreProblem {
                 effect,
                 without_cameras: effects::ALL[effect].nuisance,
                 columns: jacobian.columns(first, count).into_owned(),
-                low: range.clone().map(|k| info[k].low - at(k)).collect(),
-                high: range.clone().map(|k| info[k].high - at(k)).collect(),
+                ranges: range
+                    .clone()
+                    .map(|k| [info[k].low - at(k), info[k].high - at(k)])
+                    .collect(),
                 precision: range.map(|k| precision(&info[k])).collect(),
             });
             first += count;
@@ -222,14 +232,16 @@ impl ScoreProblem {
                 .sqrt();
         let thresholds = self.thresholds(&views, &whitened, seed);
         let solved: Vec<Solved> = (0..self.blocks.len())
-            .map(|b| Solved::of(&self.blocks[b], &views[self.view(b)], b))
+            .map(|b| Solved::of(&self.blocks[b], &views[self.blocks[b].view()], b))
             .collect();
+        let subsets = subsets::subsets(&self.blocks, &views, &thresholds);
         let mut scores: Vec<Score> = (0..self.blocks.len())
             .map(|b| self.score(b, &views, &solved, thresholds[b]))
             .collect();
         scores.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
         ScoreTable {
             scores,
+            subsets,
             discretisation_mm,
             untested: Vec::new(),
         }
@@ -240,7 +252,7 @@ impl ScoreProblem {
     pub fn intervals(&self) -> Vec<(usize, Vec<f64>, Vec<f64>)> {
         let views = self.views();
         let solved = |(b, block): (usize, &Block)| {
-            let solved = Solved::of(block, &views[self.view(b)], b);
+            let solved = Solved::of(block, &views[self.blocks[b].view()], b);
             (block.effect, solved.estimate, solved.standard_error)
         };
         self.blocks.iter().enumerate().map(solved).collect()
@@ -252,16 +264,11 @@ impl ScoreProblem {
         (free.residual.norm_squared() / free.residual.len() as f64).max(1.0)
     }
 
-    /// Which view a block is scored in.
-    fn view(&self, block: usize) -> usize {
-        usize::from(self.blocks[block].without_cameras)
-    }
-
     fn score(&self, index: usize, views: &[View; 2], solved: &[Solved], threshold: f64) -> Score {
         let (block, own) = (&self.blocks[index], &solved[index]);
         // Two effects are compared in the view without cameras where one of them is the cameras'.
         let cosine = |other: usize| {
-            let view = &views[self.view(index).max(self.view(other))];
+            let view = &views[block.view().max(self.blocks[other].view())];
             let (a, b) = (
                 &view.traces[index] * &own.direction,
                 &view.traces[other] * &solved[other].direction,
@@ -274,7 +281,7 @@ impl ScoreProblem {
             .map(|b| (b, cosine(b)))
             .collect();
         alike.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let mine = &views[self.view(index)].traces[index] * &own.direction;
+        let mine = &views[block.view()].traces[index] * &own.direction;
         let raw = &block.columns * &own.direction;
         Score {
             id: name(index),
@@ -307,7 +314,7 @@ impl ScoreProblem {
                 let seen = views.each_ref().map(|view| view.solver.remove_vector(&pseudo));
                 (0..self.blocks.len())
                     .map(|b| {
-                        let view = self.view(b);
+                        let view = self.blocks[b].view();
                         self.blocks[b].solve(&views[view].traces[b], &seen[view]).0
                     })
                     .collect()
@@ -376,44 +383,85 @@ impl Solved {
 }
 
 impl Block {
-    /// Drop of the sum of squares, estimate and standard error within the physical range: parameters
-    /// whose estimate leaves it on the side of the vanishing value are held there.
+    /// Which view it is scored in: with the cameras free, or without.
+    fn view(&self) -> usize {
+        usize::from(self.without_cameras)
+    }
+
+    /// Drop of the sum of squares, estimate and standard error. A parameter may not lie on the side of its vanishing
+    /// value where nothing is physical; how far it goes on the other is not limited, because a slope there says little of
+    /// the end of its range.
     fn solve(&self, trace: &DMatrix<f64>, residual: &DVector<f64>) -> (f64, Vec<f64>, Vec<f64>) {
-        let n = trace.ncols();
-        let mut hessian = trace.tr_mul(trace);
-        for k in 0..n {
-            hessian[(k, k)] += self.precision[k];
+        let sides = self.ranges.iter().map(|&[low, high]| {
+            [
+                if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY },
+                if high <= 0.0 { 0.0 } else { f64::INFINITY },
+            ]
+        });
+        Normal::of((trace, residual), self.precision.clone(), sides.collect()).solve()
+    }
+}
+
+/// Normal equations of some parameters within ranges.
+struct Normal {
+    hessian: DMatrix<f64>,
+    right: DVector<f64>,
+    precision: Vec<f64>,
+    ranges: Vec<[f64; 2]>,
+}
+
+impl Normal {
+    fn of(
+        (traces, residual): (&DMatrix<f64>, &DVector<f64>),
+        precision: Vec<f64>,
+        ranges: Vec<[f64; 2]>,
+    ) -> Self {
+        let mut hessian = traces.tr_mul(traces);
+        for (k, p) in precision.iter().enumerate() {
+            hessian[(k, k)] += p;
         }
-        let right = trace.tr_mul(residual);
+        Self {
+            hessian,
+            right: traces.tr_mul(residual),
+            precision,
+            ranges,
+        }
+    }
+
+    /// Drop of the sum of squares, estimate and standard error: parameters whose estimate leaves its range are held where
+    /// it does, one after another.
+    fn solve(&self) -> (f64, Vec<f64>, Vec<f64>) {
+        let n = self.right.len();
         let mut free: Vec<usize> = (0..n).collect();
-        // A parameter that is held later keeps the error which it has when nothing is held.
-        let error: Vec<f64> = match hessian.clone().cholesky() {
-            Some(factor) => (0..n).map(|k| factor.inverse()[(k, k)].sqrt()).collect(),
-            None => self.precision.iter().map(|p| p.powf(-0.5)).collect(),
-        };
-        loop {
-            let mut estimate = vec![0.0; n];
-            let a = hessian.select_rows(&free).select_columns(&free);
-            let b = right.select_rows(&free);
-            let Some(factor) = a.cholesky() else {
-                return (0.0, estimate, error);
+        let mut estimate = DVector::zeros(n);
+        while !free.is_empty() {
+            let held = &self.right - &self.hessian * &estimate;
+            let Some(factor) = self.hessian.select_rows(&free).select_columns(&free).cholesky() else {
+                return (0.0, vec![0.0; n], self.errors());
             };
-            let solution = factor.solve(&b);
-            for (i, &k) in free.iter().enumerate() {
-                estimate[k] = solution[i];
-            }
-            let wrong = free.iter().position(|&k| {
-                (self.low[k] >= 0.0 && estimate[k] < 0.0) || (self.high[k] <= 0.0 && estimate[k] > 0.0)
+            let solution = factor.solve(&held.select_rows(&free));
+            let out = (0..free.len()).find_map(|i| {
+                let [low, high] = self.ranges[free[i]];
+                let within = solution[i].clamp(low, high);
+                (within != solution[i]).then_some((i, within))
             });
-            match wrong {
-                Some(i) => {
-                    free.remove(i);
-                    if free.is_empty() {
-                        return (0.0, vec![0.0; n], error);
-                    }
-                }
-                None => return (b.dot(&solution), estimate, error),
-            }
+            let Some((i, end)) = out else {
+                free.iter()
+                    .zip(&solution)
+                    .for_each(|(&k, &value)| estimate[k] = value);
+                break;
+            };
+            estimate[free.remove(i)] = end;
+        }
+        let drop = 2.0 * self.right.dot(&estimate) - (&self.hessian * &estimate).dot(&estimate);
+        (drop, estimate.data.into(), self.errors())
+    }
+
+    /// Standard errors where nothing is held: what is held later keeps them.
+    fn errors(&self) -> Vec<f64> {
+        match self.hessian.clone().cholesky() {
+            Some(factor) => factor.inverse().diagonal().iter().map(|v| v.sqrt()).collect(),
+            None => self.precision.iter().map(|p| p.powf(-0.5)).collect(),
         }
     }
 }
