@@ -15,6 +15,8 @@ pub(super) struct Candidate {
     pub(super) threshold: f64,
     /// One-step estimates of their parameters, effect after effect.
     pub(super) estimate: Vec<f64>,
+    /// By how much the parameters that the model has already change with them.
+    pub(super) own_change: Vec<f64>,
 }
 
 impl From<&Score> for Candidate {
@@ -24,6 +26,7 @@ impl From<&Score> for Candidate {
             statistic: score.statistic,
             threshold: score.threshold,
             estimate: score.estimate.clone(),
+            own_change: score.own_change.clone(),
         }
     }
 }
@@ -35,6 +38,7 @@ impl From<&Subset> for Candidate {
             statistic: subset.statistic,
             threshold: subset.threshold,
             estimate: subset.estimate.clone(),
+            own_change: subset.own_change.clone(),
         }
     }
 }

@@ -15,7 +15,16 @@ use nalgebra::DVector;
 pub(super) const CARE_SIZES: f64 = 5.0;
 
 /// A refit with the model that it gave.
-pub(super) type Tried = (Refit, Structure, FitResult);
+pub(super) struct Tried {
+    /// What is reported of it.
+    pub(super) refit: Refit,
+    /// Effects of the model.
+    pub(super) structure: Structure,
+    /// Its fit.
+    pub(super) fitted: FitResult,
+    /// Where its descent came to before the prior held it.
+    pub(super) cost: f64,
+}
 
 /// A model and what it leaves.
 pub(super) struct Standing {
@@ -75,8 +84,16 @@ impl Choice {
     ) -> Result<(), FitError> {
         let refined = options.without != Some(Part::Refinement);
         sort_by_likelihood(&mut tried);
-        for (mut refit, structure, fitted) in tried {
-            let model = Standing::judged(structure, fitted, refit.held_out.clone());
+        if !tried.is_empty() {
+            let leave: Vec<String> = tried.iter().map(|t| t.refit.in_brief()).collect();
+            progress(&format!(
+                "they leave (fitted, held out, mm): {}",
+                leave.join("; ")
+            ));
+        }
+        for one in tried {
+            let mut refit = one.refit;
+            let model = Standing::judged(one.structure, one.fitted, refit.held_out.clone());
             if refined && self.accepted.is_none() && refit.passed {
                 progress(&format!("checking {} on a finer grid", refit.ids.join(" + ")));
                 refit.ask(refine(bench, &model, &refit.ids, &now.left)?);
@@ -110,13 +127,13 @@ impl Choice {
 /// Sorts refits by what they leave where held out and by how far off somebody must have set up the rig for them, both as
 /// logarithms of a likelihood. Where the data tell much, as nearly always, that is by the held-out error.
 fn sort_by_likelihood(tried: &mut [Tried]) {
-    let held = |t: &Tried| t.0.held_out.rms_mm;
+    let held = |t: &Tried| t.refit.held_out.rms_mm;
     let Some(best) = tried.iter().min_by(|a, b| held(a).total_cmp(&held(b))) else {
         return;
     };
     // For all alike: what a better model leaves is less correlated, which is no merit of its offsets.
-    let rows = best.0.held_out.effective_rows;
-    let unlikely = |t: &Tried| rows * held(t).ln() + 0.5 * rig_off(&t.1, &t.2.best.theta);
+    let rows = best.refit.held_out.effective_rows;
+    let unlikely = |t: &Tried| rows * held(t).ln() + 0.5 * rig_off(&t.structure, &t.fitted.best.theta);
     tried.sort_by(|a, b| unlikely(a).total_cmp(&unlikely(b)));
 }
 
@@ -216,7 +233,12 @@ mod tests {
             best: Evaluation { theta, ..model.best },
             ..model
         };
-        (refit, structure, fitted)
+        Tried {
+            refit,
+            structure,
+            cost: fitted.cost,
+            fitted,
+        }
     }
 
     /// Seen on a cable that is bent where it rests: a table that leans by 14 degrees left 4.03 mm, the curl 4.06.
@@ -225,7 +247,7 @@ mod tests {
         let first = |of: [Tried; 2]| {
             let mut of = of;
             sort_by_likelihood(&mut of);
-            of[0].0.ids[0].clone()
+            of[0].refit.ids[0].clone()
         };
         let leans = |rad: f64, mm: f64| tried("tilted_gravity", &[rad, 0.0], mm);
         let curl = || tried("rest_curvature", &[0.0, -1.1], 4.06);

@@ -1,5 +1,6 @@
 //! Closing the loop: score every effect of the library on the residual from one pass of tangents,
-//! refit the best in full, accept one only where it passes every gate, repeat, and give a verdict.
+//! refit the best in full, accept one only where it passes every gate, repeat, and give a verdict. Where none passes
+//! alone, the best pairs and triples of the scores are refitted, because two causes can hide each other.
 //!
 //! The statistics follow the score test for freeing a fixed parameter (Rao 1948; modification index
 //! and expected parameter change in structural equation modelling, Saris et al. 2009). Significance

@@ -38,9 +38,17 @@ impl Refit {
         self.gates.extend(gates);
     }
 
-    /// Whether it is one with a single effect of this name.
-    pub fn is_of(&self, id: &str) -> bool {
-        self.ids == [id]
+    /// What it leaves and where it failed, for whoever watches.
+    pub(super) fn in_brief(&self) -> String {
+        let failed = self.gates.iter().filter(|gate| !gate.passed);
+        let failed: Vec<&str> = failed.map(|gate| gate.name.as_str()).collect();
+        let failed = if failed.is_empty() {
+            String::new()
+        } else {
+            format!(" (not {})", failed.join(", "))
+        };
+        let [fit_mm, held_out_mm] = [&self.fit, &self.held_out].map(|left| left.rms_mm);
+        format!("{} {fit_mm:.2}, {held_out_mm:.2}{failed}", self.ids.join(" + "))
     }
 }
 

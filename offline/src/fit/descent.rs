@@ -3,7 +3,7 @@
 
 use super::cost::{nominal_rows, normal_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
-use super::uncertainty::{POISSON, tells_poisson};
+use super::uncertainty::{Correlation, POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -177,6 +177,15 @@ impl<'a> Descent<'a> {
         }
     }
 
+    /// Whether it came to rest, or had as many evaluations as this without.
+    pub fn has_had(&self, evaluations: usize) -> bool {
+        match self.stop {
+            StopReason::Converged | StopReason::Stalled => true,
+            StopReason::BudgetSpent => self.evaluations >= evaluations,
+            StopReason::GivenUp => false,
+        }
+    }
+
     /// Cost so far.
     pub fn cost(&self) -> f64 {
         self.cost
@@ -184,22 +193,49 @@ impl<'a> Descent<'a> {
 
     /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
     pub fn run(mut self, budget: impl Into<Budget>) -> Self {
-        let (budget, info) = (budget.into(), self.structure.parameters());
         if !self.whole && self.stop == StopReason::BudgetSpent {
             // What the data do not tell at one θ they may tell at another.
             self.complete();
             self.held = not_told(&self.here, &self.structure, &self.best);
         }
+        self.descend(budget.into(), &self.structure.parameters());
+        self
+    }
+
+    /// Goes on from the best iterate to where the prior holds it, with so many evaluations at most. Offsets that hang
+    /// together tell less than their number, which standard errors know ([`super::uncertainty`]) and the cost does not. Along
+    /// a valley that the data hardly tell, as of a cable's stiffness and the mass at its end, the best of offsets that
+    /// were independent is often the end of a range; with the prior as heavy against them as it is in the standard
+    /// error, it is a value that the error goes with. Where noise is all that is left nothing changes.
+    pub fn shrunk(mut self, evaluations: usize) -> Self {
+        if !self.whole {
+            self.complete();
+        }
+        let heavier = Correlation::of(&self.best).variance_factor().sqrt();
+        let mut info = self.structure.parameters();
+        info.iter_mut().for_each(|p| p.prior_sd /= heavier);
+        let end = self.stop;
+        (self.damping, self.growth) = (FIRST_DAMPING, FIRST_GROWTH);
+        self.stop = StopReason::BudgetSpent;
+        self.cost = total_cost(&self.best, &info);
+        self.descend(Budget::from(self.evaluations + evaluations), &info);
+        self.stop = end;
+        self.cost = total_cost(&self.best, &self.structure.parameters());
+        self
+    }
+
+    /// Steps until an end or until the budget is spent.
+    fn descend(&mut self, budget: Budget, info: &[ParameterInfo]) {
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
-            let (hessian, gradient) = normal_equations(&self.best, &info);
+            let (hessian, gradient) = normal_equations(&self.best, info);
             let place = (&self.best.theta[..], &self.held[..]);
-            let step = damped_step((&hessian, &gradient), self.damping, place, &info);
+            let step = damped_step((&hessian, &gradient), self.damping, place, info);
             let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
             if let Some(stop) = self.ends(&hessian, (&step, predicted), budget.worth) {
                 self.stop = stop;
                 break;
             }
-            if self.accepts(&step, predicted, &info) {
+            if self.accepts(&step, predicted, info) {
                 self.growth = FIRST_GROWTH;
             } else if predicted < COST_NOISE * self.cost {
                 self.stop = StopReason::Stalled;
@@ -208,7 +244,6 @@ impl<'a> Descent<'a> {
                 self.growth *= 4.0;
             }
         }
-        self
     }
 
     /// Why no step is tried, if none is.

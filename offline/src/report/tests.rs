@@ -98,6 +98,7 @@ fn score(id: &str, statistic: f64) -> Score {
         threshold: 50.0,
         estimate: vec![0.5; count],
         standard_error: vec![0.1; count],
+        own_change: Vec::new(),
         absorbed_share: 0.25,
         nearest_rival: Some("air_drag".to_owned()),
         rival_cosine: -0.5,
@@ -327,6 +328,7 @@ fn effects_that_passed_only_together_are_said_to_have() {
             statistic: 950.0,
             threshold: 100.0,
             estimate: Vec::new(),
+            own_change: Vec::new(),
         });
         round.accepted = if accepted { ids } else { Vec::new() };
         ranking::section(&[round]).into_string()

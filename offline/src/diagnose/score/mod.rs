@@ -29,6 +29,9 @@ pub struct Score {
     pub estimate: Vec<f64>,
     /// Its standard error, noise only.
     pub standard_error: Vec<f64>,
+    /// By how much the parameters that the model has already change with it.
+    #[serde(default)]
+    pub own_change: Vec<f64>,
     /// Share of the effect's trace that base parameters and camera pose can imitate.
     pub absorbed_share: f64,
     /// The other effect whose remaining trace is most alike.
@@ -49,6 +52,7 @@ impl Score {
             threshold,
             estimate: Vec::new(),
             standard_error: Vec::new(),
+            own_change: Vec::new(),
             absorbed_share: 0.0,
             nearest_rival: None,
             rival_cosine: 0.0,
@@ -203,8 +207,13 @@ impl ScoreProblem {
         [self.always.ncols(), self.known].map(|count| {
             let free = self.always.columns(0, count).into_owned();
             let solver = Projector::new(free, &self.always_precision[..count]);
+            let of_own =
+                |columns: &DMatrix<f64>| solver.coefficients(columns).rows(0, self.known).into_owned();
+            let all = self.blocks.iter().map(|block| &block.columns);
             View {
-                traces: self.blocks.iter().map(|b| solver.remove(&b.columns)).collect(),
+                own: all.clone().map(of_own).collect(),
+                residual_own: of_own(&DMatrix::from_columns(std::slice::from_ref(&self.residual))),
+                traces: all.map(|columns| solver.remove(columns)).collect(),
                 residual: solver.remove_vector(&self.residual),
                 solver,
             }
@@ -289,6 +298,7 @@ impl ScoreProblem {
             threshold,
             estimate: own.estimate.clone(),
             standard_error: own.standard_error.clone(),
+            own_change: views[block.view()].own_change([(index, &own.estimate[..])].into_iter()),
             absorbed_share: 1.0 - mine.norm_squared() / raw.norm_squared().max(f64::MIN_POSITIVE),
             nearest_rival: alike.first().map(|&(b, _)| name(b)),
             rival_cosine: alike.first().map_or(0.0, |&(_, c)| c),
@@ -354,6 +364,20 @@ struct View {
     solver: Projector,
     traces: Vec<DMatrix<f64>>,
     residual: DVector<f64>,
+    /// What of the traces, and of the residual, the model's own parameters do.
+    own: Vec<DMatrix<f64>>,
+    residual_own: DMatrix<f64>,
+}
+
+impl View {
+    /// By how much the model's own parameters change with blocks of these values.
+    fn own_change<'a>(&self, values: impl Iterator<Item = (usize, &'a [f64])>) -> Vec<f64> {
+        let mut change = self.residual_own.column(0).into_owned();
+        for (block, values) in values {
+            change -= &self.own[block] * DVector::from_column_slice(values);
+        }
+        change.data.into()
+    }
 }
 
 /// The solution of one block alone.
@@ -491,7 +515,12 @@ impl Projector {
     }
 
     pub(super) fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
-        m - &self.columns * self.factor.solve(&self.columns.tr_mul(m))
+        m - &self.columns * self.coefficients(m)
+    }
+
+    /// How much of each free column stands in each column of `m`.
+    fn coefficients(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+        self.factor.solve(&self.columns.tr_mul(m))
     }
 }
 

@@ -18,6 +18,9 @@ pub struct Subset {
     pub threshold: f64,
     /// One-step estimates of their parameters, effect after effect.
     pub estimate: Vec<f64>,
+    /// By how much the parameters that the model has already change with them.
+    #[serde(default)]
+    pub own_change: Vec<f64>,
 }
 
 /// Most effects of a subset.
@@ -52,6 +55,7 @@ fn best_first(subsets: &mut [Subset]) {
 /// Normal equations of all candidates, in both views, and where each of them has its parameters in it.
 struct Search<'a> {
     blocks: &'a [Block],
+    views: &'a [View; 2],
     thresholds: &'a [f64],
     normals: [Normal; 2],
     entries: Vec<Range<usize>>,
@@ -60,7 +64,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(blocks: &'a [Block], views: &[View; 2], thresholds: &'a [f64]) -> Self {
+    fn new(blocks: &'a [Block], views: &'a [View; 2], thresholds: &'a [f64]) -> Self {
         let mut entries = Vec::new();
         let mut first = 0;
         for block in blocks {
@@ -79,6 +83,7 @@ impl<'a> Search<'a> {
         });
         let mut search = Self {
             blocks,
+            views,
             thresholds,
             normals,
             entries,
@@ -122,13 +127,22 @@ impl<'a> Search<'a> {
     }
 
     fn subset(&self, subset: &[usize]) -> Subset {
-        let (statistic, estimate) = self.solve(self.view(subset), subset);
+        let view = self.view(subset);
+        let (statistic, estimate) = self.solve(view, subset);
+        let mut rest = &estimate[..];
+        let values = subset.iter().map(|&b| {
+            let (own, after) = rest.split_at(self.entries[b].len());
+            rest = after;
+            (b, own)
+        });
+        let own_change = self.views[view].own_change(values);
         let id = |&b: &usize| effects::ALL[self.blocks[b].effect].id.into();
         Subset {
             ids: subset.iter().map(id).collect(),
             statistic,
             threshold: subset.iter().map(|&b| self.thresholds[b]).sum(),
             estimate,
+            own_change,
         }
     }
 }
@@ -178,6 +192,8 @@ mod tests {
             solver: Projector::new(DMatrix::zeros(4, 0), &[]),
             traces: traces.iter().map(|(trace, _)| column(trace)).collect(),
             residual: DVector::from_column_slice(&residual),
+            own: traces.iter().map(|_| DMatrix::zeros(0, 1)).collect(),
+            residual_own: DMatrix::zeros(0, 1),
         };
         (blocks.collect(), [view(), view()])
     }
