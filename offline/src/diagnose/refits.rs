@@ -8,8 +8,8 @@ use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{Score, ScoreTable};
 use crate::effects;
-use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, estimates, flows};
-use crate::model::Structure;
+use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, YOUNG, estimates, flows};
+use crate::model::{ParameterInfo, Structure};
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 
@@ -26,10 +26,10 @@ const SPRINT_EVALUATIONS: usize = 3;
 /// How many of them go on: those of least cost.
 const GO_ON: usize = 3;
 /// Sizes of an effect, as multiples of the one-step estimate, at which a refit starts: the first that is better than
-/// nothing. From a rope far off a one-step estimate overshoots, as far as to ropes that cannot be simulated.
+/// nothing. From a rope far off a one-step estimate overshoots, as far as to ropes that cannot be simulated. They are tried
+/// where the model's own parameters change with the effect as its score says, a heavier tip being a stiffer rope, and where
+/// they stay.
 const FIRST_SIZES: [f64; 3] = [1.0, 0.25, 0.0625];
-/// The same where the model's own parameters change with the effect as its score says: a heavier tip is a stiffer rope.
-const WITH_OWN: [f64; 2] = [1.0, 0.25];
 /// Most evaluations on the way from a refit's best to where the prior holds it, see [`Descent::shrunk`].
 const SHRINK_EVALUATIONS: usize = 8;
 /// Sizes of an effect, as multiples of the one-step estimate, at which refits start again where none explains what is
@@ -206,7 +206,7 @@ impl<'a> Refits<'a> {
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
     /// nothing; at worst from the model as it stands.
     fn started(&self, candidate: &Candidate, budget: Budget) -> Result<Descent<'a>, FitError> {
-        let with_own = WITH_OWN.map(|size| candidate.start(&self.own(candidate, size), size));
+        let with_own = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, size), size));
         let alone = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, 0.0), size));
         let nothing = candidate.nothing(&self.now.fitted.best.theta);
         let starts = with_own.into_iter().chain(alone).chain([nothing]);
@@ -215,18 +215,14 @@ impl<'a> Refits<'a> {
         Ok(start.run(budget))
     }
 
-    /// The model's own parameters where a refit starts: as they are told, and changed so many times as much as a candidate's
-    /// score says.
+    /// The model's own parameters where a refit starts, changed so many times as much as a candidate's score says.
     fn own(&self, candidate: &Candidate, times: f64) -> Vec<f64> {
-        let info = self.now.structure.parameters();
-        let changes = candidate.own_change.iter().copied().chain(std::iter::repeat(0.0));
-        let entries = self.told.iter().zip(changes).zip(&info);
-        entries
-            .map(|((&(value, told), change), p)| {
-                let change = if told { times * change } else { 0.0 };
-                (value + change).clamp(p.low, p.high)
-            })
-            .collect()
+        changed(
+            &self.told,
+            &self.now.structure.parameters(),
+            &candidate.own_change,
+            times,
+        )
     }
 
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
@@ -326,6 +322,23 @@ fn told(best: &Evaluation, structure: &Structure) -> Vec<(f64, bool)> {
                 info.prior_mean
             };
             (value, estimate.identified)
+        })
+        .collect()
+}
+
+/// θ of which some entries are told, these changed by so many times `change`. Loads and stiffness grow in proportion, so
+/// the change of ln E is taken for that of E itself.
+fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: f64) -> Vec<f64> {
+    let change = change.iter().copied().chain(std::iter::repeat(0.0));
+    let entries = told.iter().zip(info).zip(change).enumerate();
+    entries
+        .map(|(k, ((&(value, told), p), change))| {
+            let change = match (told, times * change) {
+                (false, _) => 0.0,
+                (true, change) if k == YOUNG => change.signum() * change.abs().ln_1p(),
+                (true, change) => change,
+            };
+            (value + change).clamp(p.low, p.high)
         })
         .collect()
 }
@@ -468,6 +481,21 @@ mod tests {
         assert!(held < 0.5 * free, "{free} {held}");
         let [free, held] = ends("tilted_gravity", &tilt.values);
         assert!((held / free - 1.0).abs() < 0.01, "{free} {held}");
+    }
+
+    /// Seen on a cable of which end mass and curl were unknown: where its stiffness stayed, or became e¹¹ times as large, no
+    /// size of the two was better than nothing.
+    #[test]
+    fn a_heavier_rope_is_stiffer_in_proportion_and_what_the_data_do_not_tell_stays() {
+        let info = Structure::default().parameters();
+        let told = [(1e6_f64.ln(), true), (0.3, false)];
+        let young_pa = |change: f64, times: f64| changed(&told, &info, &[change, 0.1], times)[0].exp();
+        assert!((young_pa(11.0, 1.0) / 12e6 - 1.0).abs() < 1e-9);
+        assert!((young_pa(11.0, 0.0) / 1e6 - 1.0).abs() < 1e-9);
+        assert!((young_pa(-1.0, 1.0) / 0.5e6 - 1.0).abs() < 1e-9);
+        assert_eq!(changed(&told, &info, &[11.0, 0.1], 1.0)[1], 0.3);
+        assert_eq!(changed(&told, &info, &[1e9, 0.0], 1.0)[0], info[0].high);
+        assert_eq!(changed(&told, &info, &[], 1.0)[0], told[0].0);
     }
 
     /// Seen on a rope with a tip mass: drag and friction had the better scores, and nothing else was refitted.

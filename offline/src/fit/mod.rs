@@ -20,4 +20,6 @@ pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_from, fit_from_first, fit_starts};
-pub use uncertainty::{Correlation, STIFFNESS_ACCURACY, covariance, estimates, estimates_within, shift_by};
+pub use uncertainty::{
+    Correlation, STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by,
+};

@@ -167,7 +167,7 @@ const IDENTIFIED_SHARE: f64 = 0.5;
 /// ([`crate::sim::scene::MIN_CELLS_PER_DIAMETER`]).
 pub const STIFFNESS_ACCURACY: f64 = 0.05;
 /// Places of ln E and of Poisson's ratio in θ.
-const YOUNG: usize = 0;
+pub const YOUNG: usize = 0;
 pub(super) const POISSON: usize = 1;
 
 /// Root mean square by which a change of parameter `k` moves the measured offsets, m.
