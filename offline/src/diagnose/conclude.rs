@@ -44,6 +44,8 @@ pub(super) struct Facts<'a> {
     pub pure_error: bool,
     /// As [`super::noise::Noise::doubt`] says.
     pub doubt: f64,
+    /// Whether a further round could not be simulated.
+    pub stopped: bool,
 }
 
 impl Facts<'_> {
@@ -72,6 +74,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     }
     if facts.demos[1] == 0 {
         reasons.push(ReasonCode::HeldOutInTime);
+    }
+    if facts.stopped {
+        reasons.push(ReasonCode::RoundStopped);
     }
     let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
     let left_mm = excess_mm(fitted, facts.doubt);
@@ -248,6 +253,7 @@ pub(super) mod tests {
             demos: [1, 1],
             pure_error: true,
             doubt: 0.0,
+            stopped: false,
         })
     }
 

@@ -302,13 +302,18 @@ pub fn resume_loop(
             rounds: so_far.rounds.clone(),
         });
     };
-    let (end, rounds, library) = all_rounds(&bench, start, options, &keep, progress)?;
+    let Ended {
+        model,
+        rounds,
+        library,
+        stopped,
+    } = all_rounds(&bench, start, options, &keep, progress)?;
     let Standing {
         structure,
         fitted,
         rivals,
         ..
-    } = end;
+    } = model;
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
     progress("estimating what the grid itself may have moved");
     let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
@@ -322,6 +327,7 @@ pub fn resume_loop(
         demos: [demos.len(), held_out.len()],
         pure_error: noise.is_some(),
         doubt: bench.doubt(&fitted),
+        stopped,
     });
     Ok(Outcome {
         structure,
@@ -345,21 +351,38 @@ struct SoFar {
     rounds: Vec<Round>,
 }
 
-/// Round after round until nothing is left to explain or nothing explains it: the last model, the rounds, and the
-/// slopes of the last of them.
+/// Where the loop ended.
+struct Ended {
+    model: Standing,
+    rounds: Vec<Round>,
+    /// Slopes of the last round.
+    library: Option<Library>,
+    /// Whether a further round could not be simulated.
+    stopped: bool,
+}
+
+/// Round after round until nothing is left to explain, nothing explains it, or a model that was found cannot be looked
+/// into any further: what was found until then stands.
 fn all_rounds(
     bench: &Bench,
     mut at: SoFar,
     options: &LoopOptions,
     keep: &dyn Fn(&SoFar),
     progress: &dyn Fn(&str),
-) -> Result<(Standing, Vec<Round>, Option<Library>), FitError> {
-    let (mut library, mut done) = (None, false);
+) -> Result<Ended, FitError> {
+    let (mut library, mut done, mut stopped) = (None, false, false);
     while !done && at.goes_on(bench, options) {
         if !at.rounds.is_empty() {
             keep(&at);
         }
-        let (mut round, found, slopes) = one_round(bench, &at.now, options, progress)?;
+        let (mut round, found, slopes) = match one_round(bench, &at.now, options, progress) {
+            Err(error) if !at.rounds.is_empty() => {
+                progress(&format!("no further round: {error}"));
+                stopped = true;
+                break;
+            }
+            round => round?,
+        };
         done = found.is_none();
         if let Some(next) = found {
             (at.now, round.dropped) = needed(bench, &at.now, next, progress);
@@ -367,7 +390,12 @@ fn all_rounds(
         at.rounds.push(round);
         library = Some(slopes);
     }
-    Ok((better(bench, at.now, &at.rounds, progress)?, at.rounds, library))
+    Ok(Ended {
+        model: better(bench, at.now, &at.rounds, progress)?,
+        rounds: at.rounds,
+        library,
+        stopped,
+    })
 }
 
 impl SoFar {

@@ -50,6 +50,8 @@ pub enum ReasonCode {
     OneDemonstration,
     /// No other demonstration was held out; the last part of the same was, or every third of its poses at rest.
     HeldOutInTime,
+    /// A further round could not be simulated.
+    RoundStopped,
 }
 
 impl fmt::Display for ReasonCode {
@@ -62,6 +64,9 @@ impl fmt::Display for ReasonCode {
             Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",
             Self::HeldOutInTime => {
                 "HELD OUT IN TIME: checked on frames of the same demonstration that were not fitted"
+            }
+            Self::RoundStopped => {
+                "ROUND STOPPED: a further round could not be simulated, what it would have found is not known"
             }
         })
     }

@@ -203,7 +203,7 @@ impl<'a> Descent<'a> {
     }
 
     /// Goes on from the best iterate to where the prior holds it, with so many evaluations at most. Offsets that hang
-    /// together tell less than their number, which standard errors know ([`super::uncertainty`]) and the cost does not. Along
+    /// together tell less than their number, which standard errors know and the cost does not. Along
     /// a valley that the data hardly tell, as of a cable's stiffness and the mass at its end, the best of offsets that
     /// were independent is often the end of a range; with the prior as heavy against them as it is in the standard
     /// error, it is a value that the error goes with. Where noise is all that is left nothing changes.
