@@ -287,13 +287,7 @@ pub fn resume_loop(
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
         Some(memory) => SoFar::again(memory, &bench)?,
-        None => {
-            let fitted = bench.again(&structure, &base.best.theta)?;
-            SoFar {
-                now: Standing::judged(structure, fitted, ResidualSummary::of(&held_out_before)),
-                rounds: Vec::new(),
-            }
-        }
+        None => SoFar::at_first(&bench, &base, &held_out_before)?,
     };
     let keep = |so_far: &SoFar| {
         keep(&Memory {
@@ -399,6 +393,16 @@ fn all_rounds(
 }
 
 impl SoFar {
+    /// The loop before its first round.
+    fn at_first(bench: &Bench, base: &FitResult, held_out: &Evaluation) -> Result<Self, FitError> {
+        let structure = Structure::default();
+        let fitted = bench.again(&structure, &base.best.theta)?;
+        Ok(Self {
+            now: Standing::judged(structure, fitted, ResidualSummary::of(held_out)),
+            rounds: Vec::new(),
+        })
+    }
+
     /// The loop where a killed one was.
     fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
         Ok(Self {
