@@ -250,7 +250,10 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
             .flat_map(|round| &round.refits)
             .map(|refit| {
                 let missed = refit.gates.iter().filter(|g| !g.passed);
-                (refit.ids.join(" + "), missed.map(|g| g.name.clone()).collect())
+                (
+                    effects::together(&refit.ids),
+                    missed.map(|g| g.name.clone()).collect(),
+                )
             })
             .collect(),
         wall_s,

@@ -93,16 +93,14 @@ impl Choice {
         }
         for one in tried {
             let mut refit = one.refit;
+            let name = effects::together(&refit.ids);
             let model = Standing::judged(one.structure, one.fitted, refit.held_out.clone());
             if refined && self.accepted.is_none() && refit.passed {
-                progress(&format!("checking {} on a finer grid", refit.ids.join(" + ")));
+                progress(&format!("checking {name} on a finer grid"));
                 refit.ask(refine(bench, &model, &refit.ids, &now.left)?);
             }
             if self.accepted.is_none() && refit.passed && refit.ids.len() > 1 {
-                progress(&format!(
-                    "asking whether {} are all needed",
-                    refit.ids.join(" + ")
-                ));
+                progress(&format!("asking whether {name} are all needed"));
                 refit.ask(vec![superfluous(&needs_not(bench, &model, &refit.ids))]);
             }
             self.consider(&refit, model);

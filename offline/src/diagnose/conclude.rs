@@ -3,6 +3,7 @@
 use super::gates::excess_removed;
 use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
+use crate::effects;
 use crate::fit::{Evaluation, FitResult};
 use crate::model::{Estimate, Structure};
 use crate::observe::Row;
@@ -56,7 +57,7 @@ impl Facts<'_> {
         let mut found = self.structure.ids();
         let last = found.split_off(found.len().saturating_sub(last));
         let alike = std::iter::once(&last).chain(self.rivals);
-        let alike = alike.map(|ids| ids.join(" + ")).collect();
+        let alike = alike.map(|ids| effects::together(ids)).collect();
         (found, alike)
     }
 }

@@ -1,9 +1,9 @@
 //! The gates that an effect, or several together, have to pass before they are declared.
 
-use super::candidate::Candidate;
 use super::choice::Standing;
 use super::round::Refit;
 use super::rounds::LoopOptions;
+use super::score::Subset;
 use crate::effects::{self, EffectSpec, ParameterSpec};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -55,7 +55,7 @@ pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -
 /// Gates that need no further simulation, of a refit in which so many of what was added is free. Several effects at once
 /// take away a part of anything: they have to take away most of it.
 pub(super) fn statistical_gates(
-    candidate: &Candidate,
+    candidate: &Subset,
     before: (&ResidualSummary, &ResidualSummary),
     (refit, free): (&Refit, usize),
     options: &LoopOptions,
@@ -116,7 +116,7 @@ pub(super) fn statistical_gates(
 
 /// What the effect takes away must be more than it could of data without any: to first order, by its score, or in full,
 /// by its refit, which counts only offsets that are independent in what the poorer of both fits leaves.
-fn significant(candidate: &Candidate, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
+fn significant(candidate: &Subset, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
     let rows = before.effective_rows.min(after.effective_rows);
     let in_full = rows * (taken_away_mm(before, after) / before.floor_mm).powi(2);
     Gate::new(
@@ -308,9 +308,9 @@ mod tests {
     fn several_effects_at_once_have_to_take_away_most() {
         let options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
         let share = |ids: &[&str], left_mm: f64| {
-            let candidate = Candidate {
+            let candidate = Subset {
                 ids: ids.iter().map(ToString::to_string).collect(),
-                ..Candidate::from(&Score::alone("tip_mass", 100.0, 10.0))
+                ..Subset::from(&Score::alone("tip_mass", 100.0, 10.0))
             };
             let values = [0.01, 0.005];
             let refit = Refit {

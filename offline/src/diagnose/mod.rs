@@ -7,7 +7,7 @@
 //! is calibrated by pseudo-data: the difference between the model on two grids, scaled up to the
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
-mod candidate;
+mod added;
 mod choice;
 mod conclude;
 mod force;

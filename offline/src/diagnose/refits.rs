@@ -1,12 +1,11 @@
 //! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
-use super::candidate::Candidate;
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
 use super::gates::{excess_removed, given_up, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
-use super::score::{Score, ScoreTable};
+use super::score::{Score, ScoreTable, Subset};
 use crate::effects;
 use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, YOUNG, estimates, flows};
 use crate::model::{ParameterInfo, Structure};
@@ -55,12 +54,12 @@ pub(super) struct Refits<'a> {
     told: Vec<(f64, bool)>,
     table: &'a ScoreTable,
     /// The likely effects, the others that are worth it, and those of slight score.
-    batches: [Vec<Candidate>; 3],
+    batches: [Vec<Subset>; 3],
     options: &'a LoopOptions,
 }
 
 /// What a refit adds and the descent with it.
-type Runner<'c, 'a> = (&'c Candidate, Descent<'a>);
+type Runner<'c, 'a> = (&'c Subset, Descent<'a>);
 
 impl<'a> Refits<'a> {
     pub(super) fn new(
@@ -75,7 +74,7 @@ impl<'a> Refits<'a> {
             told: told(&now.fitted.best, &now.structure),
             table,
             batches: batches(table, options.refits)
-                .map(|scores| scores.into_iter().map(Candidate::from).collect()),
+                .map(|scores| scores.into_iter().map(Subset::from).collect()),
             options,
         }
     }
@@ -100,7 +99,7 @@ impl<'a> Refits<'a> {
     /// their refits.
     pub(super) fn others(&self, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
         let others = self.batches[1].iter();
-        let others: Vec<Candidate> = others
+        let others: Vec<Subset> = others
             .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
             .cloned()
             .collect();
@@ -124,12 +123,11 @@ impl<'a> Refits<'a> {
     /// Refits with the best subsets of so many effects, for where no effect passes alone: two causes can hide each other,
     /// as a cable's curl and the mass at its end do.
     pub(super) fn together(&self, members: usize, progress: &dyn Fn(&str)) -> Vec<Tried> {
-        let subsets = self.table.subsets.iter().map(Candidate::from);
-        let fits = |candidate: &Candidate| {
+        let fits = |candidate: &&Subset| {
             candidate.ids.len() == members
                 && physical_effects(&candidate.added_to(&self.now.structure)) <= self.options.max_effects
         };
-        let subsets: Vec<Candidate> = subsets.filter(fits).collect();
+        let subsets: Vec<Subset> = self.table.subsets.iter().filter(fits).cloned().collect();
         let tried = self.batch(&subsets, (GO_ON, f64::INFINITY), progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
@@ -138,21 +136,21 @@ impl<'a> Refits<'a> {
     /// that does not promise to come near the least cost of them and of what was tried before.
     fn batch<'c>(
         &self,
-        candidates: &'c [Candidate],
+        candidates: &'c [Subset],
         (go_on, least): (usize, f64),
         progress: &dyn Fn(&str),
-    ) -> Vec<(&'c Candidate, Tried)> {
+    ) -> Vec<(&'c Subset, Tried)> {
         if candidates.is_empty() {
             return Vec::new();
         }
-        let names: Vec<String> = candidates.iter().map(Candidate::name).collect();
+        let names: Vec<String> = candidates.iter().map(Subset::name).collect();
         progress(&format!("refitting with {}", names.join(", ")));
         let heats = self.heats(candidates, (go_on, HOPELESS * least));
         let least = heats.iter().map(|h| h.1.cost()).fold(least, f64::min);
         let ended = heats
             .into_par_iter()
             .map(|(candidate, descent)| (candidate, to_the_end(descent, least)));
-        let mut tried: Vec<(&Candidate, Tried)> = best_to_rest(ended.collect())
+        let mut tried: Vec<(&Subset, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
             .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
             .collect();
@@ -179,7 +177,7 @@ impl<'a> Refits<'a> {
 
     /// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them. A refit
     /// that does not promise to come down to the cost `worth` is given up.
-    fn heats<'c>(&self, batch: &'c [Candidate], (go_on, worth): (usize, f64)) -> Vec<Runner<'c, 'a>> {
+    fn heats<'c>(&self, batch: &'c [Subset], (go_on, worth): (usize, f64)) -> Vec<Runner<'c, 'a>> {
         let budget = |evaluations| Budget { evaluations, worth };
         let sprint = if batch.len() > go_on {
             budget(SPRINT_EVALUATIONS)
@@ -205,7 +203,7 @@ impl<'a> Refits<'a> {
 
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
     /// nothing; at worst from the model as it stands.
-    fn started(&self, candidate: &Candidate, budget: Budget) -> Result<Descent<'a>, FitError> {
+    fn started(&self, candidate: &Subset, budget: Budget) -> Result<Descent<'a>, FitError> {
         let with_own = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, size), size));
         let alone = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, 0.0), size));
         let nothing = candidate.nothing(&self.now.fitted.best.theta);
@@ -216,7 +214,7 @@ impl<'a> Refits<'a> {
     }
 
     /// The model's own parameters where a refit starts, changed so many times as much as a candidate's score says.
-    fn own(&self, candidate: &Candidate, times: f64) -> Vec<f64> {
+    fn own(&self, candidate: &Subset, times: f64) -> Vec<f64> {
         changed(
             &self.told,
             &self.now.structure.parameters(),
@@ -228,7 +226,7 @@ impl<'a> Refits<'a> {
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
     /// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
     /// effect is far off in everything, and so is a one-step estimate from there.
-    fn restart_elsewhere(&self, candidate: &Candidate, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
+    fn restart_elsewhere(&self, candidate: &Subset, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
         if cost > HOPELESS * least {
             return None;
         }
@@ -249,7 +247,7 @@ impl<'a> Refits<'a> {
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
     /// cost: the rope that one effect found may be the cause's as well, and the way there from a model that is far off is
     /// a matter of luck. A tip mass was never found where a density gradient was.
-    fn restart_where_one_passed(&self, tried: &mut [(&Candidate, Tried)]) {
+    fn restart_where_one_passed(&self, tried: &mut [(&Subset, Tried)]) {
         let passed = tried.iter().map(|(_, t)| t).filter(|t| t.refit.passed);
         let Some(best) = passed.min_by(|a, b| a.cost.total_cmp(&b.cost)) else {
             return;
@@ -271,7 +269,7 @@ impl<'a> Refits<'a> {
     }
 
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
-    fn judge(&self, candidate: &Candidate, descent: Descent) -> Option<Tried> {
+    fn judge(&self, candidate: &Subset, descent: Descent) -> Option<Tried> {
         let cost = descent.cost();
         let fitted = if descent.has_had(REFIT_EVALUATIONS) {
             descent.shrunk(SHRINK_EVALUATIONS).finish()
@@ -441,13 +439,13 @@ mod tests {
         let now = base(&bench);
         let table = table(Vec::new());
         let refits = Refits::new(&bench, &now, &table, &options);
-        let refit = |candidate: &Candidate, theta: &[f64], budget: usize| {
+        let refit = |candidate: &Subset, theta: &[f64], budget: usize| {
             let next = candidate.added_to(&now.structure);
             let start = Descent::at(&bench.fit, &next, theta).unwrap();
             refits.judge(candidate, start.run(budget)).unwrap()
         };
         let [mass, gradient] =
-            ["tip_mass", "density_gradient"].map(|id| Candidate::from(&score(id, 60.0, 80.0, &[])));
+            ["tip_mass", "density_gradient"].map(|id| Subset::from(&score(id, 60.0, 80.0, &[])));
         let mut passed = refit(&gradient, &[YOUNG_PA.ln(), 0.3, 0.5], REFIT_EVALUATIONS);
         passed.refit.passed = true;
         let failed = refit(&mass, &[4e6_f64.ln(), 0.3, 0.0], 1);

@@ -1,11 +1,10 @@
 //! One round of the loop: score every effect, refit in full what may be the cause, choose.
 
-use super::candidate::Candidate;
 use super::choice::{Choice, Standing};
 use super::gates::Gate;
 use super::refits::Refits;
 use super::rounds::{Bench, LoopOptions, Part};
-use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Untested};
+use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested};
 use crate::effects;
 use crate::fit::{FitError, Library, along_rows, grid_errors};
 use crate::model::{Estimate, Structure};
@@ -48,7 +47,10 @@ impl Refit {
             format!(" (not {})", failed.join(", "))
         };
         let [fit_mm, held_out_mm] = [&self.fit, &self.held_out].map(|left| left.rms_mm);
-        format!("{} {fit_mm:.2}, {held_out_mm:.2}{failed}", self.ids.join(" + "))
+        format!(
+            "{} {fit_mm:.2}, {held_out_mm:.2}{failed}",
+            effects::together(&self.ids)
+        )
     }
 }
 
@@ -111,7 +113,7 @@ pub(super) fn one_round(
 
 /// The best scores, for whoever watches.
 fn tell(table: &ScoreTable, progress: &dyn Fn(&str)) {
-    let tell = |what: &str, all: Vec<Candidate>| {
+    let tell = |what: &str, all: Vec<Subset>| {
         let told = all.iter().take(LISTED);
         let told = told.map(|c| format!("{} {:.0} (of {:.0})", c.name(), c.statistic, c.threshold));
         progress(&format!(
@@ -119,9 +121,9 @@ fn tell(table: &ScoreTable, progress: &dyn Fn(&str)) {
             told.collect::<Vec<_>>().join(", ")
         ));
     };
-    tell("scores", table.scores.iter().map(Candidate::from).collect());
+    tell("scores", table.scores.iter().map(Subset::from).collect());
     if !table.subsets.is_empty() {
-        tell("together", table.subsets.iter().map(Candidate::from).collect());
+        tell("together", table.subsets.clone());
     }
 }
 

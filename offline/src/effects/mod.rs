@@ -168,3 +168,8 @@ registry!(
 pub fn find(id: &str) -> Option<usize> {
     ALL.iter().position(|spec| spec.id == id)
 }
+
+/// One name for several effects, for people.
+pub fn together(ids: &[String]) -> String {
+    ids.join(" + ")
+}

@@ -5,6 +5,7 @@ use crate::diagnose::{Refit, Round, Score, Untested};
 use crate::effects::{self, ParameterSpec};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
+use std::slice::from_ref;
 
 pub(super) fn section(rounds: &[Round]) -> Markup {
     html! {
@@ -42,7 +43,7 @@ pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
         .iter()
         .filter(|s| !is_accepted(last, &s.id) && gone.iter().all(|(id, _)| *id != s.id));
     let open = open.map(|score| {
-        let passed = |round: &Round| refit(round, &score.id).is_some_and(|refit| refit.passed);
+        let passed = |round: &Round| refit(round, from_ref(&score.id)).is_some_and(|refit| refit.passed);
         let (number, round) = match rounds.iter().enumerate().rfind(|(_, round)| passed(round)) {
             Some(found) => found,
             None => (rounds.len() - 1, last),
@@ -91,14 +92,9 @@ fn is_accepted(round: &Round, id: &str) -> bool {
     round.accepted.iter().any(|accepted| accepted == id)
 }
 
-/// The refit with an effect alone.
-pub(super) fn refit<'a>(round: &'a Round, id: &str) -> Option<&'a Refit> {
-    round.refits.iter().find(|refit| refit.ids == [id])
-}
-
-/// The refit that was accepted.
-fn winner(round: &Round) -> Option<&Refit> {
-    round.refits.iter().find(|refit| refit.ids == round.accepted)
+/// The refit with these effects.
+pub(super) fn refit<'a>(round: &'a Round, ids: &[String]) -> Option<&'a Refit> {
+    round.refits.iter().find(|refit| refit.ids == ids)
 }
 
 fn ranking(round: &Round) -> Markup {
@@ -141,9 +137,8 @@ fn ranking(round: &Round) -> Markup {
 
 /// The effects that would explain the residual together, where any was refitted so.
 fn together(round: &Round) -> Markup {
-    let tried = |ids: &[String]| round.refits.iter().find(|refit| refit.ids == ids);
     let subsets = round.table.subsets.iter();
-    let refitted: Vec<_> = subsets.filter_map(|s| Some((s, tried(&s.ids)?))).collect();
+    let refitted: Vec<_> = subsets.filter_map(|s| Some((s, refit(round, &s.ids)?))).collect();
     html! {
         @if !refitted.is_empty() {
             p {
@@ -198,7 +193,7 @@ fn one_step(score: &Score) -> Markup {
 
 /// What became of an effect, in a word.
 pub(super) fn outcome(round: &Round, score: &Score) -> &'static str {
-    match refit(round, &score.id) {
+    match refit(round, from_ref(&score.id)) {
         _ if is_accepted(round, &score.id) && round.accepted.len() > 1 => "accepted, in company",
         _ if is_accepted(round, &score.id) => "accepted",
         Some(refit) if refit.passed => "passed, second",
@@ -210,7 +205,7 @@ pub(super) fn outcome(round: &Round, score: &Score) -> &'static str {
 
 /// The same in the colour of its tone.
 fn brief(round: &Round, score: &Score) -> Markup {
-    let tone = match refit(round, &score.id) {
+    let tone = match refit(round, from_ref(&score.id)) {
         _ if is_accepted(round, &score.id) => "yes",
         Some(refit) if !refit.passed => "no",
         None if !score.significant() => "quiet",
@@ -221,9 +216,9 @@ fn brief(round: &Round, score: &Score) -> Markup {
 
 /// Why an effect was not accepted.
 pub(super) fn reason(round: &Round, score: &Score) -> String {
-    let accepted = winner(round);
+    let accepted = refit(round, &round.accepted);
     let statistic = tidy(score.statistic);
-    match (refit(round, &score.id), accepted) {
+    match (refit(round, from_ref(&score.id)), accepted) {
         (Some(other), Some(best)) if other.passed && other.held_out.rms_mm < best.held_out.rms_mm => format!(
             "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: not so much less as to \
              outweigh how far off the rig would have been set up",

@@ -114,8 +114,8 @@ fn effects(rounds: &[Round]) -> String {
         let scores = round.table.scores.iter();
         scores
             .map(|score| {
-                let left =
-                    refit(round, &score.id).map_or_else(String::new, |r| format!("{:.2}", r.held_out.rms_mm));
+                let left = refit(round, std::slice::from_ref(&score.id))
+                    .map_or_else(String::new, |r| format!("{:.2}", r.held_out.rms_mm));
                 vec![
                     (number + 1).to_string(),
                     effect_title(&score.id).to_owned(),

@@ -325,7 +325,10 @@ impl ScoreProblem {
                 (0..self.blocks.len())
                     .map(|b| {
                         let view = self.blocks[b].view();
-                        self.blocks[b].solve(&views[view].traces[b], &seen[view]).0
+                        self.blocks[b]
+                            .normal(&views[view].traces[b], &seen[view])
+                            .solve()
+                            .0
                     })
                     .collect()
             })
@@ -391,7 +394,8 @@ struct Solved {
 
 impl Solved {
     fn of(block: &Block, view: &View, index: usize) -> Self {
-        let (statistic, estimate, standard_error) = block.solve(&view.traces[index], &view.residual);
+        let normal = block.normal(&view.traces[index], &view.residual);
+        let (statistic, estimate) = normal.solve();
         let direction = if estimate.iter().any(|e| *e != 0.0) {
             DVector::from_vec(estimate.clone())
         } else {
@@ -400,7 +404,7 @@ impl Solved {
         Self {
             statistic,
             estimate,
-            standard_error,
+            standard_error: normal.errors(),
             direction,
         }
     }
@@ -412,17 +416,17 @@ impl Block {
         usize::from(self.without_cameras)
     }
 
-    /// Drop of the sum of squares, estimate and standard error. A parameter may not lie on the side of its vanishing
+    /// Its normal equations. A parameter may not lie on the side of its vanishing
     /// value where nothing is physical; how far it goes on the other is not limited, because a slope there says little of
     /// the end of its range.
-    fn solve(&self, trace: &DMatrix<f64>, residual: &DVector<f64>) -> (f64, Vec<f64>, Vec<f64>) {
+    fn normal(&self, trace: &DMatrix<f64>, residual: &DVector<f64>) -> Normal {
         let sides = self.ranges.iter().map(|&[low, high]| {
             [
                 if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY },
                 if high <= 0.0 { 0.0 } else { f64::INFINITY },
             ]
         });
-        Normal::of((trace, residual), self.precision.clone(), sides.collect()).solve()
+        Normal::of((trace, residual), self.precision.clone(), sides.collect())
     }
 }
 
@@ -452,16 +456,16 @@ impl Normal {
         }
     }
 
-    /// Drop of the sum of squares, estimate and standard error: parameters whose estimate leaves its range are held where
-    /// it does, one after another.
-    fn solve(&self) -> (f64, Vec<f64>, Vec<f64>) {
+    /// Drop of the sum of squares, and estimate: parameters whose estimate leaves its range are held where it does, one
+    /// after another.
+    fn solve(&self) -> (f64, Vec<f64>) {
         let n = self.right.len();
         let mut free: Vec<usize> = (0..n).collect();
         let mut estimate = DVector::zeros(n);
         while !free.is_empty() {
             let held = &self.right - &self.hessian * &estimate;
             let Some(factor) = self.hessian.select_rows(&free).select_columns(&free).cholesky() else {
-                return (0.0, vec![0.0; n], self.errors());
+                return (0.0, vec![0.0; n]);
             };
             let solution = factor.solve(&held.select_rows(&free));
             let out = (0..free.len()).find_map(|i| {
@@ -478,7 +482,7 @@ impl Normal {
             estimate[free.remove(i)] = end;
         }
         let drop = 2.0 * self.right.dot(&estimate) - (&self.hessian * &estimate).dot(&estimate);
-        (drop, estimate.data.into(), self.errors())
+        (drop, estimate.data.into())
     }
 
     /// Standard errors where nothing is held: what is held later keeps them.

@@ -103,8 +103,7 @@ impl<'a> Search<'a> {
     /// What a subset takes away, and the estimate of its parameters.
     fn solve(&self, view: usize, subset: &[usize]) -> (f64, Vec<f64>) {
         let chosen: Vec<usize> = subset.iter().flat_map(|&b| self.entries[b].clone()).collect();
-        let (statistic, estimate, _) = self.normals[view].select(&chosen).solve();
-        (statistic, estimate)
+        self.normals[view].select(&chosen).solve()
     }
 
     /// Whether each member takes away more than chance of what the others leave.
@@ -209,7 +208,12 @@ mod tests {
         ];
         let (blocks, views) = problem(&traces, [0.0, 0.0, 6.0, 0.0]);
         let alone: Vec<f64> = (0..3)
-            .map(|b| blocks[b].solve(&views[0].traces[b], &views[0].residual).0)
+            .map(|b| {
+                blocks[b]
+                    .normal(&views[0].traces[b], &views[0].residual)
+                    .solve()
+                    .0
+            })
             .collect();
         assert!(alone[2] > alone[0].max(alone[1]), "{alone:?}");
         let subsets = subsets(&blocks, &views, &[4.0; 3]);

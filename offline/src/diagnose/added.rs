@@ -1,25 +1,10 @@
-//! What a refit adds to a model: one effect, or several that explain the residual together.
+//! A subset of the library as what a refit adds to a model: one effect, or several that explain the residual together.
 
 use super::score::{Score, Subset};
 use crate::effects;
 use crate::model::Structure;
 
-/// Effects that a refit adds, and what their score promises.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Candidate {
-    /// Names of the effects.
-    pub(super) ids: Vec<String>,
-    /// Predicted drop of the whitened sum of squares.
-    pub(super) statistic: f64,
-    /// What it has to exceed.
-    pub(super) threshold: f64,
-    /// One-step estimates of their parameters, effect after effect.
-    pub(super) estimate: Vec<f64>,
-    /// By how much the parameters that the model has already change with them.
-    pub(super) own_change: Vec<f64>,
-}
-
-impl From<&Score> for Candidate {
+impl From<&Score> for Subset {
     fn from(score: &Score) -> Self {
         Self {
             ids: vec![score.id.clone()],
@@ -31,19 +16,7 @@ impl From<&Score> for Candidate {
     }
 }
 
-impl From<&Subset> for Candidate {
-    fn from(subset: &Subset) -> Self {
-        Self {
-            ids: subset.ids.clone(),
-            statistic: subset.statistic,
-            threshold: subset.threshold,
-            estimate: subset.estimate.clone(),
-            own_change: subset.own_change.clone(),
-        }
-    }
-}
-
-impl Candidate {
+impl Subset {
     /// Whether data without any effect would rarely give as much.
     pub(super) fn significant(&self) -> bool {
         self.statistic > self.threshold
@@ -80,6 +53,6 @@ impl Candidate {
 
     /// Its name, for people.
     pub(super) fn name(&self) -> String {
-        self.ids.join(" + ")
+        effects::together(&self.ids)
     }
 }
