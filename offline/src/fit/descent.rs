@@ -1,6 +1,7 @@
 //! Levenberg-Marquardt with Marquardt's scaling, gain ratio, Huber's weights and box bounds
 //! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
+use super::broyden::Traced;
 use super::cost::{nominal_rows, normal_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::{Correlation, POISSON, tells_poisson};
@@ -49,7 +50,7 @@ pub struct FitResult {
     pub cost: f64,
     /// Why the descent ended.
     pub stop: StopReason,
-    /// Number of simulations with tangents.
+    /// Number of θ that were tried.
     pub evaluations: usize,
     /// ln E where each followed start ended, and its cost.
     pub ends: Vec<(f64, f64)>,
@@ -91,14 +92,32 @@ const FIRST_GROWTH: f64 = 2.0;
 /// Damping up to which a step promises what an undamped one does.
 const LITTLE_DAMPING: f64 = 0.01;
 
+/// Share of what a step promised by which it may fall short or exceed it for its slopes to be corrected by it; else they
+/// are found anew.
+const FAITHFUL: f64 = 0.5;
+/// Most steps in a row after which slopes are corrected.
+const MOST_CORRECTIONS: usize = 3;
+
+/// How the slopes at a descent's best iterate were found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Slopes {
+    /// From tangents, for every entry of θ.
+    Whole,
+    /// From tangents, for what is free.
+    Free,
+    /// From tangents so many steps ago, corrected since ([`super::broyden`]).
+    Corrected(usize),
+}
+
 /// A descent, which can go on where its budget was spent. Its steps have slopes only for the entries of θ that are free:
-/// those that are held take as much time as others.
+/// those that are held take as much time as others. Tangents take two to eight times as long as the prediction itself:
+/// where a step kept what it promised its slopes are corrected by what it did. A descent never ends by corrected slopes.
 pub struct Descent<'a> {
     /// Settled at the best θ.
     here: Problem<'a>,
     structure: Structure,
     /// The best iterate so far.
-    best: Evaluation,
+    best: Traced,
     cost: f64,
     stop: StopReason,
     evaluations: usize,
@@ -107,8 +126,7 @@ pub struct Descent<'a> {
     growth: f64,
     /// Entries of θ that stay where they are.
     held: Vec<bool>,
-    /// Whether the best iterate has slopes for what is held too.
-    whole: bool,
+    slopes: Slopes,
 }
 
 impl<'a> Descent<'a> {
@@ -117,8 +135,7 @@ impl<'a> Descent<'a> {
     /// # Errors
     /// The start cannot be simulated, or too little was measured there.
     pub fn at(problem: &Problem<'a>, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
-        let (here, start) = problem.settled_and_evaluated(structure, theta)?;
-        Ok(Self::of(here, structure, start))
+        Self::of(problem.settled(structure, theta)?, structure, theta)
     }
 
     /// The same with some entries of θ held where they are, and no others.
@@ -147,25 +164,34 @@ impl<'a> Descent<'a> {
         starts: impl IntoIterator<Item = Vec<f64>>,
         below: f64,
     ) -> Result<Self, FitError> {
+        let info = structure.parameters();
         let mut tried = Vec::new();
         for theta in starts {
-            let one = Self::at(problem, structure, &theta);
-            let enough = one.as_ref().is_ok_and(|one| one.cost < below);
+            let one = problem.settled(structure, &theta).and_then(|here| {
+                let cost = total_cost(&here.residuals(structure, &theta)?, &info);
+                Ok((cost, theta, here))
+            });
+            let enough = one.as_ref().is_ok_and(|(cost, ..)| *cost < below);
             tried.push(one);
             if enough {
                 break;
             }
         }
-        let cost = |one: &Result<Self, _>| one.as_ref().map_or(f64::INFINITY, Self::cost);
+        let cost = |one: &Result<(f64, _, _), _>| one.as_ref().map_or(f64::INFINITY, |(cost, ..)| *cost);
         let best = tried.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
-        best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))
+        let (_, theta, here) = best.unwrap_or_else(|| Err(FitError::NoStart("no start was given".into())))?;
+        Self::of(here, structure, &theta)
     }
 
-    /// Before the first step from an evaluation of a problem that is settled there.
-    pub(super) fn of(here: Problem<'a>, structure: &Structure, start: Evaluation) -> Self {
-        Self {
-            held: not_told(&here, structure, &start),
-            cost: total_cost(&start, &structure.parameters()),
+    /// Before the first step from θ of a problem that is settled there.
+    ///
+    /// # Errors
+    /// The start cannot be simulated, or too little was measured there.
+    pub(super) fn of(here: Problem<'a>, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
+        let start = here.traced(structure, theta, &vec![false; theta.len()])?;
+        Ok(Self {
+            held: not_told(&here, structure, &start.evaluation),
+            cost: total_cost(&start.evaluation, &structure.parameters()),
             here,
             structure: structure.clone(),
             best: start,
@@ -173,8 +199,8 @@ impl<'a> Descent<'a> {
             evaluations: 1,
             damping: FIRST_DAMPING,
             growth: FIRST_GROWTH,
-            whole: true,
-        }
+            slopes: Slopes::Whole,
+        })
     }
 
     /// Whether it came to rest, or had as many evaluations as this without.
@@ -193,10 +219,10 @@ impl<'a> Descent<'a> {
 
     /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
     pub fn run(mut self, budget: impl Into<Budget>) -> Self {
-        if !self.whole && self.stop == StopReason::BudgetSpent {
+        if self.slopes != Slopes::Whole && self.stop == StopReason::BudgetSpent {
             // What the data do not tell at one θ they may tell at another.
             self.complete();
-            self.held = not_told(&self.here, &self.structure, &self.best);
+            self.held = not_told(&self.here, &self.structure, &self.best.evaluation);
         }
         self.descend(budget.into(), &self.structure.parameters());
         self
@@ -208,35 +234,36 @@ impl<'a> Descent<'a> {
     /// were independent is often the end of a range; with the prior as heavy against them as it is in the standard
     /// error, it is a value that the error goes with. Where noise is all that is left nothing changes.
     pub fn shrunk(mut self, evaluations: usize) -> Self {
-        if !self.whole {
-            self.complete();
-        }
-        let heavier = Correlation::of(&self.best).variance_factor().sqrt();
+        self.complete();
+        let heavier = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
         let mut info = self.structure.parameters();
         info.iter_mut().for_each(|p| p.prior_sd /= heavier);
         let end = self.stop;
         (self.damping, self.growth) = (FIRST_DAMPING, FIRST_GROWTH);
         self.stop = StopReason::BudgetSpent;
-        self.cost = total_cost(&self.best, &info);
+        self.cost = total_cost(&self.best.evaluation, &info);
         self.descend(Budget::from(self.evaluations + evaluations), &info);
         self.stop = end;
-        self.cost = total_cost(&self.best, &self.structure.parameters());
+        self.cost = total_cost(&self.best.evaluation, &self.structure.parameters());
         self
     }
 
     /// Steps until an end or until the budget is spent.
     fn descend(&mut self, budget: Budget, info: &[ParameterInfo]) {
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
-            let (hessian, gradient) = normal_equations(&self.best, info);
-            let place = (&self.best.theta[..], &self.held[..]);
+            let (hessian, gradient) = normal_equations(&self.best.evaluation, info);
+            let place = (&self.best.evaluation.theta[..], &self.held[..]);
             let step = damped_step((&hessian, &gradient), self.damping, place, info);
             let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
-            if let Some(stop) = self.ends(&hessian, (&step, predicted), budget.worth) {
-                self.stop = stop;
-                break;
-            }
-            if self.accepts(&step, predicted, info) {
+            let end = self.ends(&hessian, (&step, predicted), budget.worth);
+            if end.is_none() && self.accepts((&step, predicted), &hessian, info) {
                 self.growth = FIRST_GROWTH;
+            } else if matches!(self.slopes, Slopes::Corrected(_)) {
+                if !self.find_slopes(info) {
+                    self.stop = StopReason::Stalled;
+                }
+            } else if let Some(end) = end {
+                self.stop = end;
             } else if predicted < COST_NOISE * self.cost {
                 self.stop = StopReason::Stalled;
             } else {
@@ -253,7 +280,7 @@ impl<'a> Descent<'a> {
         (step, predicted): (&DVector<f64>, f64),
         worth: f64,
     ) -> Option<StopReason> {
-        let misfit = (2.0 * self.cost / nominal_rows(&self.best)).max(1.0);
+        let misfit = (2.0 * self.cost / nominal_rows(&self.best.evaluation)).max(1.0);
         if is_small(step, hessian, misfit) || predicted < SMALL_DECREASE * misfit {
             Some(StopReason::Converged)
         } else if self.damping > MOST_DAMPING {
@@ -266,50 +293,92 @@ impl<'a> Descent<'a> {
     }
 
     /// Tries a step, and takes it if it lowers the cost.
-    fn accepts(&mut self, step: &DVector<f64>, predicted: f64, info: &[ParameterInfo]) -> bool {
-        let theta = &self.best.theta;
+    fn accepts(
+        &mut self,
+        (step, predicted): (&DVector<f64>, f64),
+        hessian: &DMatrix<f64>,
+        info: &[ParameterInfo],
+    ) -> bool {
+        let theta = &self.best.evaluation.theta;
         let trial: Vec<f64> = theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
         self.evaluations += 1;
         // A trial that cannot be simulated is a step too far.
         let Ok(there) = self.here.settled(&self.structure, &trial) else {
             return false;
         };
-        let Ok(next) = there.evaluate_settled(&self.structure, &trial, &self.held) else {
+        let curvature = hessian.diagonal();
+        let place = (&trial[..], &self.held[..]);
+        let Ok(mut next) = there.corrected(&self.structure, &self.best, place, curvature.iter().copied())
+        else {
             return false;
         };
-        let cost = total_cost(&next, info);
+        let mut cost = total_cost(&next.evaluation, info);
         let gain = (self.cost - cost) / predicted;
         // A gain that is no number is none.
         if !matches!(gain.partial_cmp(&0.0), Some(std::cmp::Ordering::Greater)) {
             return false;
         }
+        let corrections = match self.slopes {
+            Slopes::Corrected(times) => times + 1,
+            Slopes::Whole | Slopes::Free => 1,
+        };
+        let mut slopes = Slopes::Corrected(corrections);
+        if (gain - 1.0).abs() > FAITHFUL || corrections > MOST_CORRECTIONS {
+            let Ok(found) = there.traced(&self.structure, &trial, &self.held) else {
+                return false;
+            };
+            (cost, slopes) = (total_cost(&found.evaluation, info), self.found());
+            next = found;
+        }
         self.damping *= f64::max(1.0 / 10.0, 1.0 - (2.0 * gain - 1.0).powi(3));
-        (self.best, self.cost, self.here) = (next, cost, there);
-        self.whole = !self.held.contains(&true);
+        (self.best, self.cost, self.here, self.slopes) = (next, cost, there, slopes);
         true
     }
 
-    /// Slopes of the best iterate for what is held too; one that is no number stays zero.
+    /// Finds the slopes of what is free at the best iterate from tangents; whether that could be done.
+    fn find_slopes(&mut self, info: &[ParameterInfo]) -> bool {
+        let theta = &self.best.evaluation.theta;
+        let Ok(found) = self.here.traced(&self.structure, theta, &self.held) else {
+            return false;
+        };
+        self.cost = total_cost(&found.evaluation, info);
+        self.slopes = self.found();
+        self.best = found;
+        true
+    }
+
+    fn found(&self) -> Slopes {
+        if self.held.contains(&true) {
+            Slopes::Free
+        } else {
+            Slopes::Whole
+        }
+    }
+
+    /// Slopes of the best iterate for what is held too, from tangents; one that is no number stays zero.
     fn complete(&mut self) {
-        if let Ok(whole) = self.here.evaluate_what_runs(&self.structure, &self.best.theta) {
+        if self.slopes == Slopes::Whole {
+            return;
+        }
+        let theta = &self.best.evaluation.theta;
+        if let Ok(whole) = self.here.traced_what_runs(&self.structure, theta) {
             self.best = whole;
         }
-        self.whole = true;
+        self.slopes = Slopes::Whole;
     }
 
     /// The best iterate, with slopes for every entry of θ.
     pub fn finish(mut self) -> FitResult {
-        if !self.whole {
-            self.complete();
-        }
-        self.without_held_slopes()
+        self.complete();
+        self.into_result()
     }
 
-    /// The best iterate; once a step was taken, slopes for what is held are zero.
-    pub(super) fn without_held_slopes(self) -> FitResult {
+    /// The best iterate; once a step was taken, its slopes may be corrected ones, and zero for what is held.
+    pub(super) fn into_result(self) -> FitResult {
+        let best = self.best.evaluation;
         FitResult {
-            ends: vec![(self.best.theta[0], self.cost)],
-            best: self.best,
+            ends: vec![(best.theta[0], self.cost)],
+            best,
             cost: self.cost,
             stop: self.stop,
             evaluations: self.evaluations,

@@ -1,6 +1,7 @@
 //! Fitting θ to demonstrations: Levenberg-Marquardt on the offsets of [`crate::observe`] with the
 //! simulator's own tangents, from several starts, with standard errors that hold the noise's part and the grid's.
 
+mod broyden;
 mod cost;
 mod descent;
 mod numerical;

@@ -195,28 +195,8 @@ impl<'a> Problem<'a> {
         theta: &[f64],
     ) -> Result<(Self, Evaluation), FitError> {
         let here = self.settled(structure, theta)?;
-        let evaluation = here.evaluate_settled(structure, theta, &vec![false; theta.len()])?;
-        Ok((here, evaluation))
-    }
-
-    /// Residuals and Jacobian of a problem that is settled at θ; columns of entries that are held are zero.
-    pub(super) fn evaluate_settled(
-        &self,
-        structure: &Structure,
-        theta: &[f64],
-        held: &[bool],
-    ) -> Result<Evaluation, FitError> {
-        self.evaluation(structure, theta, &self.traces(structure, theta, held)?)
-    }
-
-    /// The same with a column for every entry whose slope is a number; the others are zero.
-    pub(super) fn evaluate_what_runs(
-        &self,
-        structure: &Structure,
-        theta: &[f64],
-    ) -> Result<Evaluation, FitError> {
-        let (traces, _) = self.traces_that_run(structure, theta, &vec![false; theta.len()])?;
-        self.evaluation(structure, theta, &traces)
+        let traced = here.traced(structure, theta, &vec![false; theta.len()])?;
+        Ok((here, traced.evaluation))
     }
 
     /// Residual and Jacobian of a structure with `asked`, further effects at their vanishing values. Columns of what
@@ -304,7 +284,7 @@ impl<'a> Problem<'a> {
     }
 
     /// What the cameras saw against what is predicted, with slopes.
-    fn evaluation(
+    pub(super) fn evaluation(
         &self,
         structure: &Structure,
         theta: &[f64],

@@ -228,7 +228,7 @@ impl Search<'_> {
         let mut held = self.held.clone();
         held[k] = true;
         let fit = Descent::holding(&self.problem, self.structure, &theta, held).ok()?;
-        let fit = fit.run(EVALUATIONS).without_held_slopes();
+        let fit = fit.run(EVALUATIONS).into_result();
         let ratio = likelihood_ratio(&self.best, &fit.best);
         let point = Point {
             distance: side * (fit.best.theta[k] - self.best.theta[k]),

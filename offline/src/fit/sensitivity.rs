@@ -71,10 +71,17 @@ struct Part {
 }
 
 /// A prediction without tangents.
-struct Prediction {
-    arc_m: Vec<f64>,
-    frames: Frames,
+pub(super) struct Prediction {
+    /// Arc length of each slice, m.
+    pub(super) arc_m: Vec<f64>,
+    /// Centreline, m.
+    pub(super) frames: Frames,
     tracks: Vec<Track<f64>>,
+}
+
+/// Entries of θ that only change what is seen, and are not held.
+pub(super) fn only_seen(structure: &Structure, theta: &[f64], held: &[bool]) -> Vec<usize> {
+    plan(structure, theta, held).seen
 }
 
 fn plan(structure: &Structure, theta: &[f64], held: &[bool]) -> Plan {
@@ -236,10 +243,8 @@ impl Problem<'_> {
             let Some(prediction) = prediction else {
                 return Err(stopped.unwrap_or_else(|| FitError::NoStart("no pass was planned".into())));
             };
-            for columns in seen.chunks(SEEN) {
-                for (column, frames) in self.seen_slopes(demo, structure, theta, columns, &prediction) {
-                    slopes[column] = frames;
-                }
+            for (column, frames) in self.seen_slopes(demo, (structure, theta), &seen, &prediction) {
+                slopes[column] = frames;
             }
             traces.push(Trace {
                 arc_m: prediction.arc_m,
@@ -257,12 +262,22 @@ impl Problem<'_> {
         }
     }
 
-    /// Slopes of what the cameras report of a known motion.
-    fn seen_slopes(
+    /// Slopes with respect to some entries of θ that only change what the cameras report of a known motion.
+    pub(super) fn seen_slopes(
         &self,
         demo: usize,
-        structure: &Structure,
-        theta: &[f64],
+        (structure, theta): (&Structure, &[f64]),
+        columns: &[usize],
+        prediction: &Prediction,
+    ) -> Vec<(usize, Frames)> {
+        let slopes = |columns: &[usize]| self.seen_at_once(demo, (structure, theta), columns, prediction);
+        columns.chunks(SEEN).flat_map(slopes).collect()
+    }
+
+    fn seen_at_once(
+        &self,
+        demo: usize,
+        (structure, theta): (&Structure, &[f64]),
         columns: &[usize],
         prediction: &Prediction,
     ) -> Vec<(usize, Frames)> {
@@ -342,11 +357,9 @@ impl Problem<'_> {
         ends: [f64; 2],
     ) -> Result<Part, FitError> {
         let at = |value: f64| {
-            if self.rests(demo) {
-                self.moved::<f64>(demo, structure, theta, (column, value))
-            } else {
-                self.moved::<f32>(demo, structure, theta, (column, value))
-            }
+            let mut moved = theta.to_vec();
+            moved[column] = value;
+            self.prediction(demo, structure, &moved).map(|p| p.frames)
         };
         let (from, to) = rayon::join(|| at(ends[0]), || at(ends[1]));
         let middle = theta[column];
@@ -370,18 +383,32 @@ impl Problem<'_> {
         })
     }
 
-    /// The prediction where one entry of θ has another value.
-    fn moved<T: Laned>(
+    /// One demonstration as the model predicts it, without slopes.
+    ///
+    /// # Errors
+    /// The simulation stopped.
+    pub(super) fn prediction(
         &self,
         demo: usize,
         structure: &Structure,
         theta: &[f64],
-        (column, value): (usize, f64),
-    ) -> Result<Frames, FitError> {
-        let (kept, places) = needed(structure, theta, &[column]);
-        let entry = |&k: &usize| T::of(if k == column { value } else { theta[k] });
-        let inputs: Vec<T> = places.iter().map(entry).collect();
-        self.rollout(demo, &kept, &inputs).map(|r| values(r).frames)
+    ) -> Result<Prediction, FitError> {
+        if self.rests(demo) {
+            self.prediction_in::<f64>(demo, structure, theta)
+        } else {
+            self.prediction_in::<f32>(demo, structure, theta)
+        }
+    }
+
+    fn prediction_in<T: Laned>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Prediction, FitError> {
+        let (kept, places) = needed(structure, theta, &[]);
+        let inputs: Vec<T> = places.iter().map(|&k| T::of(theta[k])).collect();
+        self.rollout(demo, &kept, &inputs).map(values)
     }
 }
 

@@ -71,10 +71,8 @@ pub fn fit_starts(
     let results: Vec<_> = starts
         .into_par_iter()
         .map(|(_, theta, here)| {
-            let start = here.evaluate_settled(structure, &theta, &vec![false; theta.len()])?;
-            Ok(Descent::of(here, structure, start)
-                .run(options.max_evaluations)
-                .finish())
+            let start = Descent::of(here, structure, &theta)?;
+            Ok(start.run(options.max_evaluations).finish())
         })
         .collect();
     let mut best: Option<FitResult> = None;
