@@ -1,8 +1,10 @@
 //! A subset of the library as what a refit adds to a model: one effect, or several that explain the residual together.
 
+use super::round::Refit;
 use super::score::{Score, Subset};
 use crate::effects;
 use crate::model::Structure;
+use std::collections::BTreeMap;
 
 impl From<&Score> for Subset {
     fn from(score: &Score) -> Self {
@@ -51,8 +53,58 @@ impl Subset {
         own.iter().copied().chain(vanishing).collect()
     }
 
+    /// Whether a refit had some of these effects and no others.
+    pub(super) fn has_more_than(&self, refit: &Refit) -> bool {
+        refit.ids.len() < self.ids.len() && refit.ids.iter().all(|id| self.ids.contains(id))
+    }
+
+    /// θ of a model in which the effects of a refit have the values they had there, beside `own` parameters of the model's
+    /// own, and the others do nothing.
+    pub(super) fn beyond(&self, refit: &Refit, own: usize) -> Vec<f64> {
+        let (own, mut values) = refit.theta.split_at(own);
+        let had = Structure::of_ids(&refit.ids).effects.into_iter().map(|effect| {
+            let (mine, others) = values.split_at(effects::ALL[effect].parameters.len());
+            values = others;
+            (effect, mine)
+        });
+        let had: BTreeMap<usize, &[f64]> = had.collect();
+        let value = |effect: usize| match had.get(&effect) {
+            Some(mine) => mine.to_vec(),
+            None => effects::ALL[effect].vanishing().collect(),
+        };
+        own.iter()
+            .copied()
+            .chain(self.effects().flat_map(value))
+            .collect()
+    }
+
     /// Its name, for people.
     pub(super) fn name(&self) -> String {
         effects::together(&self.ids)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::choice::tests::tried;
+    use super::*;
+
+    #[test]
+    fn a_pair_may_start_where_a_refit_with_one_of_it_ended() {
+        let pair = Subset {
+            ids: vec!["tip_mass".into(), "rest_curvature".into()],
+            ..Subset::from(&Score::alone("tip_mass", 1.0, 1.0))
+        };
+        let curl = tried("rest_curvature", &[0.5, -1.1], 4.0).refit;
+        assert!(pair.has_more_than(&curl));
+        assert!(!pair.has_more_than(&tried("tilted_gravity", &[0.1, 0.0], 4.0).refit));
+        assert!(
+            !Subset {
+                ids: vec!["rest_curvature".into()],
+                ..pair.clone()
+            }
+            .has_more_than(&curl)
+        );
+        assert_eq!(pair.beyond(&curl, 2), [14.0, 0.3, 0.0, 0.5, -1.1]);
     }
 }

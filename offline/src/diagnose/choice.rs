@@ -195,13 +195,13 @@ fn refine(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::conclude::tests::fitted;
     use super::*;
     use crate::fit::Correlation;
 
     /// A refit that leaves `held_out_mm` of ten independent offsets.
-    fn tried(id: &str, values: &[f64], held_out_mm: f64) -> Tried {
+    pub(in super::super) fn tried(id: &str, values: &[f64], held_out_mm: f64) -> Tried {
         let effect = effects::find(id).expect("in the registry");
         let structure = Structure::default().with(effect);
         let theta = [&[14.0, 0.3], values].concat();

@@ -216,10 +216,8 @@ pub(super) mod tests {
         Round {
             known: Vec::new(),
             table: ScoreTable {
-                scores: Vec::new(),
-                subsets: Vec::new(),
                 discretisation_mm,
-                untested: Vec::new(),
+                ..ScoreTable::of(Vec::new())
             },
             refits: vec![Refit {
                 ids: vec![effects::ALL[0].id.into()],

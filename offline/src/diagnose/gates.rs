@@ -52,19 +52,24 @@ pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -
     (before.rms_mm.powi(2) - after.rms_mm.powi(2)).max(0.0).sqrt()
 }
 
-/// Gates that need no further simulation, of a refit in which so many of what was added is free. Several effects at once
-/// take away a part of anything: they have to take away most of it.
+/// Share of the excess that so many effects have to explain. Several at once take away a part of anything: they have to
+/// take away most of it.
+pub(super) fn smallest_share(effects: usize, options: &LoopOptions) -> f64 {
+    if effects > 1 {
+        MOST.max(options.smallest_share)
+    } else {
+        options.smallest_share
+    }
+}
+
+/// Gates that need no further simulation, of a refit in which so many of what was added is free.
 pub(super) fn statistical_gates(
     candidate: &Subset,
     before: (&ResidualSummary, &ResidualSummary),
     (refit, free): (&Refit, usize),
     options: &LoopOptions,
 ) -> Vec<Gate> {
-    let smallest_share = if candidate.ids.len() > 1 {
-        MOST.max(options.smallest_share)
-    } else {
-        options.smallest_share
-    };
+    let smallest_share = smallest_share(candidate.ids.len(), options);
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
     // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.

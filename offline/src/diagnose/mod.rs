@@ -8,6 +8,7 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 mod added;
+mod batch;
 mod choice;
 mod conclude;
 mod force;

@@ -1,13 +1,13 @@
 //! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
+use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, given_up, statistical_gates};
+use super::gates::{excess_removed, given_up, smallest_share, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
-use super::score::{Score, ScoreTable, Subset};
-use crate::effects;
-use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, YOUNG, estimates, flows};
+use super::score::{ScoreTable, Subset};
+use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, YOUNG, estimates};
 use crate::model::{ParameterInfo, Structure};
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
@@ -20,10 +20,8 @@ const HEAT_EVALUATIONS: usize = 8;
 const HOPELESS: f64 = 2.0;
 /// Cost over the least of its rivals up to which a refit whose evaluations are spent goes on beside the best.
 const NEAR_THE_BEST: f64 = 1.5;
-/// Evaluations after which only [`GO_ON`] of the effects with lesser scores go on.
+/// Evaluations after which only so many as a [`Batch`] says go on.
 const SPRINT_EVALUATIONS: usize = 3;
-/// How many of them go on: those of least cost.
-const GO_ON: usize = 3;
 /// Sizes of an effect, as multiples of the one-step estimate, at which a refit starts: the first that is better than
 /// nothing. From a rope far off a one-step estimate overshoots, as far as to ropes that cannot be simulated. They are tried
 /// where the model's own parameters change with the effect as its score says, a heavier tip being a stiffer rope, and where
@@ -39,10 +37,6 @@ const SECOND_EVALUATIONS: usize = 4;
 /// Share of the excess where held out that a refit takes away if no other has to be tried. Of 84 right ones on the
 /// benchmark all but six did; wind in place of a tilt of 5 floors took 72 %.
 const NEARLY_ALL_HELD_OUT: f64 = 0.9;
-/// An effect whose score is below this share of the best is refitted last: it is hardly the whole cause, and a later
-/// round, without what another cause does in the residual, sees it better. The cameras' place is no measure: six free
-/// parameters imitate a part of anything.
-const LEAST_SHARE: f64 = 0.1;
 
 /// What all refits of a round have in common.
 pub(super) struct Refits<'a> {
@@ -87,10 +81,20 @@ impl<'a> Refits<'a> {
         if self.batches.iter().all(Vec::is_empty) {
             progress("refitting with nothing: no effect is significant");
         }
-        let mut tried = self.batch(first, (first.len(), f64::INFINITY), progress);
+        let first = Batch {
+            go_on: first.len(),
+            enough: self.enough(1),
+            ..Batch::of(first)
+        };
+        let mut tried = self.batch(&first, progress);
         if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             let least = tried.iter().map(|t| t.1.cost).fold(f64::INFINITY, f64::min);
-            tried.extend(self.batch(others, (GO_ON, least), progress));
+            let others = Batch {
+                enough: self.enough(1),
+                least,
+                ..Batch::of(others)
+            };
+            tried.extend(self.batch(&others, progress));
         }
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
@@ -103,7 +107,11 @@ impl<'a> Refits<'a> {
             .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
             .cloned()
             .collect();
-        let tried = self.batch(&others, (GO_ON, f64::INFINITY), progress);
+        let others = Batch {
+            enough: self.enough(1),
+            ..Batch::of(&others)
+        };
+        let tried = self.batch(&others, progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
@@ -115,41 +123,49 @@ impl<'a> Refits<'a> {
             return Vec::new();
         }
         // What failed before is no measure of what is tried because it did.
-        let mut tried = self.batch(&self.batches[2], (GO_ON, f64::INFINITY), progress);
+        let mut tried = self.batch(&Batch::of(&self.batches[2]), progress);
         self.restart_where_one_passed(&mut tried);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
     /// Refits with the best subsets of so many effects, for where no effect passes alone: two causes can hide each other,
-    /// as a cable's curl and the mass at its end do.
-    pub(super) fn together(&self, members: usize, progress: &dyn Fn(&str)) -> Vec<Tried> {
+    /// as a cable's curl and the mass at its end do. What was refitted with fewer of them is where they may start.
+    pub(super) fn together(&self, members: usize, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
         let fits = |candidate: &&Subset| {
             candidate.ids.len() == members
                 && physical_effects(&candidate.added_to(&self.now.structure)) <= self.options.max_effects
         };
         let subsets: Vec<Subset> = self.table.subsets.iter().filter(fits).cloned().collect();
-        let tried = self.batch(&subsets, (GO_ON, f64::INFINITY), progress);
+        let subsets = Batch {
+            had,
+            enough: self.enough(members),
+            ..Batch::of(&subsets)
+        };
+        let tried = self.batch(&subsets, progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
-    /// Refits with some candidates; `go_on` of them at least get more than their very first evaluations. None is followed
-    /// that does not promise to come near the least cost of them and of what was tried before.
-    fn batch<'c>(
-        &self,
-        candidates: &'c [Subset],
-        (go_on, least): (usize, f64),
-        progress: &dyn Fn(&str),
-    ) -> Vec<(&'c Subset, Tried)> {
-        if candidates.is_empty() {
+    /// Cost from which on so many effects explain the share of the excess that they have to.
+    fn enough(&self, effects: usize) -> f64 {
+        let left = &self.now.left;
+        let excess = (1.0 - (left.floor_mm / left.rms_mm).powi(2)).max(0.0);
+        self.now.fitted.cost * (1.0 - smallest_share(effects, self.options) * excess)
+    }
+
+    /// Refits side by side. None is followed that does not promise to be of use, and to come near the least cost of them
+    /// and of what was tried before.
+    fn batch<'c>(&self, batch: &Batch<'c>, progress: &dyn Fn(&str)) -> Vec<(&'c Subset, Tried)> {
+        if batch.candidates.is_empty() {
             return Vec::new();
         }
-        let names: Vec<String> = candidates.iter().map(Subset::name).collect();
+        let names: Vec<String> = batch.candidates.iter().map(Subset::name).collect();
         progress(&format!("refitting with {}", names.join(", ")));
-        let heats = self.heats(candidates, (go_on, HOPELESS * least));
-        let least = heats.iter().map(|h| h.1.cost()).fold(least, f64::min);
+        let heats = self.heats(batch);
+        let costs = heats.iter().map(|heat| heat.1.cost());
+        let least = costs.fold(batch.least, f64::min);
         let ended = heats
             .into_par_iter()
-            .map(|(candidate, descent)| (candidate, to_the_end(descent, least)));
+            .map(|(candidate, descent)| (candidate, to_the_end(descent, batch.enough, least)));
         let mut tried: Vec<(&Subset, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
             .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
@@ -175,20 +191,23 @@ impl<'a> Refits<'a> {
             && excess_removed(&self.now.held, &refit.held_out, numerical_mm) >= NEARLY_ALL_HELD_OUT
     }
 
-    /// The first evaluations of refits; where there are more than `go_on`, the others do not get all of them. A refit
-    /// that does not promise to come down to the cost `worth` is given up.
-    fn heats<'c>(&self, batch: &'c [Subset], (go_on, worth): (usize, f64)) -> Vec<Runner<'c, 'a>> {
-        let budget = |evaluations| Budget { evaluations, worth };
-        let sprint = if batch.len() > go_on {
+    /// The first evaluations of refits; where there are more than [`Batch::go_on`], the others do not get all of them.
+    fn heats<'c>(&self, batch: &Batch<'c>) -> Vec<Runner<'c, 'a>> {
+        let (candidates, go_on) = (batch.candidates, batch.go_on);
+        let budget = |evaluations| Budget {
+            evaluations,
+            worth: batch.enough.min(HOPELESS * batch.least),
+        };
+        let sprint = if candidates.len() > go_on {
             budget(SPRINT_EVALUATIONS)
         } else {
             budget(HEAT_EVALUATIONS)
         };
-        let mut runners: Vec<Runner> = batch
+        let mut runners: Vec<Runner> = candidates
             .par_iter()
-            .filter_map(|candidate| Some((candidate, self.started(candidate, sprint).ok()?)))
+            .filter_map(|candidate| Some((candidate, self.started(candidate, batch.had, sprint).ok()?)))
             .collect();
-        if batch.len() <= go_on {
+        if candidates.len() <= go_on {
             return runners;
         }
         runners.sort_by(|a, b| a.1.cost().total_cmp(&b.1.cost()));
@@ -202,14 +221,24 @@ impl<'a> Refits<'a> {
     }
 
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
-    /// nothing; at worst from the model as it stands.
-    fn started(&self, candidate: &Subset, budget: Budget) -> Result<Descent<'a>, FitError> {
+    /// nothing; at worst from the model as it stands. Where some of its effects had refits without the others, from
+    /// whatever is best: two that hide each other are far from where either is better than nothing.
+    fn started(&self, candidate: &Subset, had: &[Refit], budget: Budget) -> Result<Descent<'a>, FitError> {
         let with_own = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, size), size));
         let alone = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, 0.0), size));
         let nothing = candidate.nothing(&self.now.fitted.best.theta);
-        let starts = with_own.into_iter().chain(alone).chain([nothing]);
+        let of_fewer = had.iter().filter(|refit| candidate.has_more_than(refit));
+        let of_fewer: Vec<Vec<f64>> = of_fewer
+            .map(|refit| candidate.beyond(refit, self.told.len()))
+            .collect();
+        let enough = if of_fewer.is_empty() {
+            self.now.fitted.cost
+        } else {
+            f64::NEG_INFINITY
+        };
+        let starts = with_own.into_iter().chain(alone).chain([nothing]).chain(of_fewer);
         let next = candidate.added_to(&self.now.structure);
-        let start = Descent::at_first(&self.bench.fit, &next, starts, self.now.fitted.cost)?;
+        let start = Descent::at_first(&self.bench.fit, &next, starts, enough)?;
         Ok(start.run(budget))
     }
 
@@ -342,15 +371,15 @@ fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: 
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
-fn to_the_end(descent: Descent, least: f64) -> Descent {
-    let budget = Budget {
-        evaluations: REFIT_EVALUATIONS,
-        worth: HOPELESS * least,
-    };
-    if descent.cost() > budget.worth {
+fn to_the_end(descent: Descent, enough: f64, least: f64) -> Descent {
+    let hopeless = HOPELESS * least;
+    if descent.cost() > hopeless {
         return descent;
     }
-    descent.run(budget)
+    descent.run(Budget {
+        evaluations: REFIT_EVALUATIONS,
+        worth: enough.min(hopeless),
+    })
 }
 
 /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
@@ -373,61 +402,13 @@ fn best_to_rest<'c, 'a>(descents: Vec<Runner<'c, 'a>>) -> Vec<Runner<'c, 'a>> {
     descents.into_par_iter().map(to_rest).collect()
 }
 
-/// Effects worth a full refit. First the best `count` with their whole families, because only refits can tell the members
-/// of one apart, and whatever the other scores hold to be free; then the others, best first; then all of
-/// slight score, where anything is significant: not to try one of those that are alike would name the other. What flows
-/// is never among the best: its refit takes up to four times as long, and its score, a secant's, says the least.
-fn batches(table: &ScoreTable, count: usize) -> [Vec<&Score>; 3] {
-    let nuisance = |s: &Score| effects::ALL[s.effect()].nuisance;
-    let best = table
-        .scores
-        .iter()
-        .find(|s| !nuisance(s))
-        .map_or(0.0, |s| s.statistic);
-    let worth = |s: &Score| s.significant() && s.statistic >= LEAST_SHARE * best;
-    let (all, slight): (Vec<&Score>, Vec<&Score>) = table.scores.iter().partition(|s| worth(s));
-    let any = table.scores.iter().any(Score::significant);
-    let slight = slight.into_iter().filter(|s| any && s.statistic > 0.0);
-    let slight = slight.collect();
-    let ranked = all
-        .iter()
-        .copied()
-        .filter(|s| !(nuisance(s) || flows(s.effect())));
-    let ranked: Vec<&Score> = ranked.collect();
-    let alike = |s: &Score| {
-        let mut best = ranked.iter().take(count);
-        !flows(s.effect()) && best.any(|r| r.id == s.id || r.family.contains(&s.id))
-    };
-    let early = |s: &&Score| nuisance(s) || alike(s);
-    let (first, others) = all.into_iter().partition(early);
-    [first, others, slight]
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
+    use super::super::score::Score;
     use super::*;
     use crate::bench_diagnosis::reality::part;
-
-    fn score(id: &str, statistic: f64, threshold: f64, family: &[&str]) -> Score {
-        Score {
-            family: family.iter().map(ToString::to_string).collect(),
-            ..Score::alone(id, statistic, threshold)
-        }
-    }
-
-    fn names(scores: &[&Score]) -> Vec<String> {
-        scores.iter().map(|s| s.id.clone()).collect()
-    }
-
-    fn table(scores: Vec<Score>) -> ScoreTable {
-        ScoreTable {
-            scores,
-            subsets: Vec::new(),
-            discretisation_mm: 0.0,
-            untested: Vec::new(),
-        }
-    }
+    use crate::effects;
 
     /// Seen on the benchmark: a tip mass was never found where a density gradient was, from a model that was far off.
     #[test]
@@ -437,7 +418,7 @@ mod tests {
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
         let now = base(&bench);
-        let table = table(Vec::new());
+        let table = ScoreTable::of(Vec::new());
         let refits = Refits::new(&bench, &now, &table, &options);
         let refit = |candidate: &Subset, theta: &[f64], budget: usize| {
             let next = candidate.added_to(&now.structure);
@@ -445,7 +426,7 @@ mod tests {
             refits.judge(candidate, start.run(budget)).unwrap()
         };
         let [mass, gradient] =
-            ["tip_mass", "density_gradient"].map(|id| Subset::from(&score(id, 60.0, 80.0, &[])));
+            ["tip_mass", "density_gradient"].map(|id| Subset::from(&Score::alone(id, 60.0, 80.0)));
         let mut passed = refit(&gradient, &[YOUNG_PA.ln(), 0.3, 0.5], REFIT_EVALUATIONS);
         passed.refit.passed = true;
         let failed = refit(&mass, &[4e6_f64.ln(), 0.3, 0.0], 1);
@@ -494,61 +475,5 @@ mod tests {
         assert_eq!(changed(&told, &info, &[11.0, 0.1], 1.0)[1], 0.3);
         assert_eq!(changed(&told, &info, &[1e9, 0.0], 1.0)[0], info[0].high);
         assert_eq!(changed(&told, &info, &[], 1.0)[0], told[0].0);
-    }
-
-    /// Seen on a rope with a tip mass: drag and friction had the better scores, and nothing else was refitted.
-    #[test]
-    fn every_effect_gets_its_refit_the_best_and_its_family_first() {
-        let table = table(vec![
-            score("yield", 2300.0, 25.0, &[]),
-            score("air_drag", 2263.0, 81.0, &["density_gradient"]),
-            score("table_friction", 2254.0, 99.0, &[]),
-            score("tip_mass", 1758.0, 106.0, &[]),
-            score("density_gradient", 1453.0, 59.0, &[]),
-            score("camera_offset", 800.0, 35.0, &[]),
-            score("internal_damping", 795.0, 900.0, &[]),
-            score("bending_ratio", 31.0, 25.0, &[]),
-        ]);
-        let [first, others, slight] = batches(&table, 2);
-        assert_eq!(
-            names(&first),
-            ["air_drag", "table_friction", "density_gradient", "camera_offset"]
-        );
-        assert_eq!(names(&others), ["yield", "tip_mass"]);
-        assert_eq!(names(&slight), ["internal_damping", "bending_ratio"]);
-    }
-
-    /// Seen on a rope in a tilted rig: damping that only a slope at zero made strong came first, wind second, and the
-    /// tilt, which looks like wind, was not refitted because wind passed.
-    #[test]
-    fn all_that_look_like_one_of_the_best_are_tried_beside_it() {
-        let table = table(vec![
-            score("internal_damping", 1413.0, 6.0, &[]),
-            score("steady_wind", 1230.0, 31.0, &["tilted_gravity"]),
-            score("tilted_gravity", 1186.0, 42.0, &["steady_wind"]),
-            score("rest_curvature", 1003.0, 14.0, &[]),
-        ]);
-        let [first, others, _] = batches(&table, 2);
-        assert_eq!(
-            names(&first),
-            ["internal_damping", "steady_wind", "tilted_gravity"]
-        );
-        assert_eq!(names(&others), ["rest_curvature"]);
-    }
-
-    /// Seen on a cable that is bent where it rests: nothing but the cameras' place was refitted.
-    #[test]
-    fn where_the_cameras_stand_keeps_no_effect_from_its_refit() {
-        let table = table(vec![
-            score("camera_offset", 46376.0, 16.0, &[]),
-            score("rest_curvature", 3768.0, 9.0, &[]),
-            score("gripper_lag", 992.0, 6.0, &[]),
-            score("tilted_gravity", 490.0, 8.0, &[]),
-            score("tip_mass", 279.0, 6.0, &[]),
-        ]);
-        let [first, others, slight] = batches(&table, 2);
-        assert_eq!(names(&first), ["camera_offset", "rest_curvature", "gripper_lag"]);
-        assert_eq!(names(&others), ["tilted_gravity"]);
-        assert_eq!(names(&slight), ["tip_mass"]);
     }
 }

@@ -167,12 +167,7 @@ pub(super) mod tests {
         ];
         let round = |known: &[&str]| Round {
             known: known.iter().map(ToString::to_string).collect(),
-            table: ScoreTable {
-                scores: Vec::new(),
-                subsets: Vec::new(),
-                discretisation_mm: 0.0,
-                untested: Vec::new(),
-            },
+            table: ScoreTable::of(Vec::new()),
             refits: refits.clone(),
             accepted: Vec::new(),
             dropped: Vec::new(),

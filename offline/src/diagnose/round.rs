@@ -96,7 +96,7 @@ pub(super) fn one_round(
     }
     for members in 2..=MOST_MEMBERS {
         if choice.accepted.is_none() {
-            let together = candidates.together(members, progress);
+            let together = candidates.together(members, &choice.refits, progress);
             choice.among(bench, now, together, options, progress)?;
         }
     }

@@ -86,6 +86,19 @@ pub struct ScoreTable {
     pub untested: Vec<Untested>,
 }
 
+#[cfg(test)]
+impl ScoreTable {
+    /// One without subsets.
+    pub(super) fn of(scores: Vec<Score>) -> Self {
+        Self {
+            scores,
+            subsets: Vec::new(),
+            discretisation_mm: 0.0,
+            untested: Vec::new(),
+        }
+    }
+}
+
 /// An effect without a score.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Untested {
