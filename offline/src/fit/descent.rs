@@ -50,7 +50,7 @@ pub struct FitResult {
     pub cost: f64,
     /// Why the descent ended.
     pub stop: StopReason,
-    /// Number of θ that were tried.
+    /// Number of simulations with tangents, and of steps that were not taken.
     pub evaluations: usize,
     /// ln E where each followed start ended, and its cost.
     pub ends: Vec<(f64, f64)>,
@@ -264,12 +264,20 @@ impl<'a> Descent<'a> {
                 }
             } else if let Some(end) = end {
                 self.stop = end;
-            } else if predicted < COST_NOISE * self.cost {
-                self.stop = StopReason::Stalled;
             } else {
-                self.damping *= self.growth;
-                self.growth *= 4.0;
+                self.evaluations += 1;
+                self.rejected(predicted);
             }
+        }
+    }
+
+    /// After a step that did not lower the cost, by slopes from tangents.
+    fn rejected(&mut self, predicted: f64) {
+        if predicted < COST_NOISE * self.cost {
+            self.stop = StopReason::Stalled;
+        } else {
+            self.damping *= self.growth;
+            self.growth *= 4.0;
         }
     }
 
@@ -301,7 +309,6 @@ impl<'a> Descent<'a> {
     ) -> bool {
         let theta = &self.best.evaluation.theta;
         let trial: Vec<f64> = theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
-        self.evaluations += 1;
         // A trial that cannot be simulated is a step too far.
         let Ok(there) = self.here.settled(&self.structure, &trial) else {
             return false;
@@ -327,6 +334,7 @@ impl<'a> Descent<'a> {
             let Ok(found) = there.traced(&self.structure, &trial, &self.held) else {
                 return false;
             };
+            self.evaluations += 1;
             (cost, slopes) = (total_cost(&found.evaluation, info), self.found());
             next = found;
         }
@@ -341,6 +349,7 @@ impl<'a> Descent<'a> {
         let Ok(found) = self.here.traced(&self.structure, theta, &self.held) else {
             return false;
         };
+        self.evaluations += 1;
         self.cost = total_cost(&found.evaluation, info);
         self.slopes = self.found();
         self.best = found;

@@ -15,8 +15,10 @@ use rayon::prelude::*;
 
 /// Knots along the free rope.
 pub const KNOTS: usize = 4;
-/// Tangents of one pass: every push of one block of time.
+/// Components of one block of time: every axis at every knot.
 const OF_BLOCK: usize = 3 * KNOTS;
+/// Those of them in the plane of a planar motion.
+const IN_PLANE: usize = 2 * KNOTS;
 
 /// Forces per length of one demonstration, constant within blocks of time and linear in arc length between knots.
 /// Their components are counted by block, knot and axis.
@@ -84,7 +86,8 @@ fn arcs_m(scene: &Scene) -> Vec<f64> {
 }
 
 impl Problem<'_> {
-    /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes.
+    /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes. Of a planar
+    /// motion nothing is known across its plane; slopes there are zero.
     ///
     /// # Errors
     /// A simulation stopped.
@@ -96,11 +99,16 @@ impl Problem<'_> {
         pushes: &Pushes,
         rows: &[Row],
     ) -> Result<DMatrix<f64>, FitError> {
+        let planar = self.demos[demo].spec.planar;
         let of_block = |block: usize| {
-            if self.rests(demo) {
-                self.slopes_of_block::<f64>(demo, structure, theta, pushes, (block, rows))
-            } else {
-                self.slopes_of_block::<f32>(demo, structure, theta, pushes, (block, rows))
+            let asked = (block, rows);
+            match (self.rests(demo), planar) {
+                (true, true) => self.slopes_of_block::<f64, IN_PLANE>(demo, structure, theta, pushes, asked),
+                (true, false) => self.slopes_of_block::<f64, OF_BLOCK>(demo, structure, theta, pushes, asked),
+                (false, true) => self.slopes_of_block::<f32, IN_PLANE>(demo, structure, theta, pushes, asked),
+                (false, false) => {
+                    self.slopes_of_block::<f32, OF_BLOCK>(demo, structure, theta, pushes, asked)
+                }
             }
         };
         let blocks: Vec<DMatrix<f64>> = (0..pushes.blocks)
@@ -114,7 +122,8 @@ impl Problem<'_> {
         Ok(slopes)
     }
 
-    fn slopes_of_block<F: Float>(
+    /// The same for one block, with a lane for each axis that is asked about at every knot.
+    fn slopes_of_block<F: Float, const N: usize>(
         &self,
         demo: usize,
         structure: &Structure,
@@ -123,19 +132,25 @@ impl Problem<'_> {
         (block, rows): (usize, &[Row]),
     ) -> Result<DMatrix<f64>, FitError>
     where
-        Dual<F, OF_BLOCK>: Laned,
+        Dual<F, N>: Laned,
     {
+        let axes: &[usize] = if N == IN_PLANE { &[0, 2] } else { &[0, 1, 2] };
+        let component = |lane: usize| 3 * (lane / axes.len()) + axes[lane % axes.len()];
+        let input = |k: usize| match (0..N).find(|&lane| component(lane) == k) {
+            Some(lane) => Dual::input(0.0, lane),
+            None => Dual::of(0.0),
+        };
         // A block without a force costs nothing.
-        let inputs =
-            |other: usize| (other == block).then(|| std::array::from_fn(|lane| Dual::input(0.0, lane)));
+        let inputs = |other: usize| (other == block).then(|| std::array::from_fn(input));
         let field = pushes.field_of(&arcs_m(&self.scenes[demo]), inputs);
-        let theta: Vec<Dual<F, OF_BLOCK>> = theta.iter().map(|&t| Dual::of(t)).collect();
+        let theta: Vec<Dual<F, N>> = theta.iter().map(|&t| Dual::of(t)).collect();
         let rollout = self.rollout_under(demo, structure, &theta, Some(field))?;
         let mut slopes = DMatrix::zeros(rows.len(), OF_BLOCK);
-        for lane in 0..OF_BLOCK {
+        for lane in 0..N {
             let frames = frames_of(&rollout.frames, lane);
             for (i, row) in rows.iter().enumerate() {
-                slopes[(i, lane)] = row.along(&frames[row.frame], bracket(&rollout.arc_m, row.arc_m));
+                slopes[(i, component(lane))] =
+                    row.along(&frames[row.frame], bracket(&rollout.arc_m, row.arc_m));
             }
         }
         Ok(slopes)

@@ -150,6 +150,7 @@ fn roughness() -> DMatrix<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::revise::tests::{YOUNG_PA, options, recorded};
     use super::*;
 
     /// Slopes of rows that see one component each, with many rows per component.
@@ -168,6 +169,39 @@ mod tests {
             "{}",
             (&found - &truth).norm()
         );
+    }
+
+    /// Two thirds of the tangents do for a planar motion, and are the same ones.
+    #[test]
+    fn a_planar_motion_is_not_asked_what_pushes_it_across_its_plane() {
+        let mut demo = recorded(&[])[0].clone();
+        let (structure, theta) = (Structure::default(), [YOUNG_PA.ln(), 0.3]);
+        demo.spec.planar = true;
+        let problem = Problem::new(&[&demo], options().resolution).unwrap();
+        let rows = problem.residuals(&structure, &theta).unwrap().rows.remove(0);
+        let pushes = Pushes {
+            block_s: problem.scenes[0].duration_s,
+            blocks: 1,
+            ..pushes(&problem.scenes[0])
+        };
+        let planar = problem
+            .push_slopes(0, &structure, &theta, &pushes, &rows)
+            .unwrap();
+        demo.spec.planar = false;
+        let problem = Problem::new(&[&demo], options().resolution).unwrap();
+        let all = problem
+            .push_slopes(0, &structure, &theta, &pushes, &rows)
+            .unwrap();
+        for (k, (planar, all)) in planar.column_iter().zip(all.column_iter()).enumerate() {
+            if k % 3 == 1 {
+                assert_eq!(planar.amax(), 0.0);
+            } else {
+                assert!(
+                    all.amax() > 0.0 && (planar - all).amax() <= 1e-3 * all.amax(),
+                    "{k}"
+                );
+            }
+        }
     }
 
     #[test]
