@@ -20,8 +20,6 @@ pub(super) struct Batch<'c> {
     pub(super) had: &'c [Refit],
     /// How many of them at least get more than their very first evaluations.
     pub(super) go_on: usize,
-    /// Cost from which on they are of use: one that does not promise to come down to it is given up.
-    pub(super) enough: f64,
     /// Least cost of what was tried before.
     pub(super) least: f64,
 }
@@ -32,7 +30,6 @@ impl<'c> Batch<'c> {
             candidates,
             had: &[],
             go_on: GO_ON,
-            enough: f64::INFINITY,
             least: f64::INFINITY,
         }
     }

@@ -3,7 +3,7 @@
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, given_up, smallest_share, statistical_gates};
+use super::gates::{excess_removed, given_up, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
@@ -83,14 +83,12 @@ impl<'a> Refits<'a> {
         }
         let first = Batch {
             go_on: first.len(),
-            enough: self.enough(1),
             ..Batch::of(first)
         };
         let mut tried = self.batch(&first, progress);
         if !tried.iter().any(|(_, tried)| self.explained(tried)) {
             let least = tried.iter().map(|t| t.1.cost).fold(f64::INFINITY, f64::min);
             let others = Batch {
-                enough: self.enough(1),
                 least,
                 ..Batch::of(others)
             };
@@ -107,11 +105,7 @@ impl<'a> Refits<'a> {
             .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
             .cloned()
             .collect();
-        let others = Batch {
-            enough: self.enough(1),
-            ..Batch::of(&others)
-        };
-        let tried = self.batch(&others, progress);
+        let tried = self.batch(&Batch::of(&others), progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
@@ -136,24 +130,16 @@ impl<'a> Refits<'a> {
                 && physical_effects(&candidate.added_to(&self.now.structure)) <= self.options.max_effects
         };
         let subsets: Vec<Subset> = self.table.subsets.iter().filter(fits).cloned().collect();
-        let subsets = Batch {
+        let together = Batch {
             had,
-            enough: self.enough(members),
             ..Batch::of(&subsets)
         };
-        let tried = self.batch(&subsets, progress);
+        let tried = self.batch(&together, progress);
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
 
-    /// Cost from which on so many effects explain the share of the excess that they have to.
-    fn enough(&self, effects: usize) -> f64 {
-        let left = &self.now.left;
-        let excess = (1.0 - (left.floor_mm / left.rms_mm).powi(2)).max(0.0);
-        self.now.fitted.cost * (1.0 - smallest_share(effects, self.options) * excess)
-    }
-
-    /// Refits side by side. None is followed that does not promise to be of use, and to come near the least cost of them
-    /// and of what was tried before.
+    /// Refits side by side. None is followed that does not promise to come near the least cost of them and of what was
+    /// tried before.
     fn batch<'c>(&self, batch: &Batch<'c>, progress: &dyn Fn(&str)) -> Vec<(&'c Subset, Tried)> {
         if batch.candidates.is_empty() {
             return Vec::new();
@@ -165,7 +151,7 @@ impl<'a> Refits<'a> {
         let least = costs.fold(batch.least, f64::min);
         let ended = heats
             .into_par_iter()
-            .map(|(candidate, descent)| (candidate, to_the_end(descent, batch.enough, least)));
+            .map(|(candidate, descent)| (candidate, to_the_end(descent, least)));
         let mut tried: Vec<(&Subset, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
             .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
@@ -196,7 +182,7 @@ impl<'a> Refits<'a> {
         let (candidates, go_on) = (batch.candidates, batch.go_on);
         let budget = |evaluations| Budget {
             evaluations,
-            worth: batch.enough.min(HOPELESS * batch.least),
+            worth: HOPELESS * batch.least,
         };
         let sprint = if candidates.len() > go_on {
             budget(SPRINT_EVALUATIONS)
@@ -371,15 +357,15 @@ fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: 
 }
 
 /// The other evaluations, where there is hope that they find the least cost.
-fn to_the_end(descent: Descent, enough: f64, least: f64) -> Descent {
-    let hopeless = HOPELESS * least;
-    if descent.cost() > hopeless {
+fn to_the_end(descent: Descent, least: f64) -> Descent {
+    let budget = Budget {
+        evaluations: REFIT_EVALUATIONS,
+        worth: HOPELESS * least,
+    };
+    if descent.cost() > budget.worth {
         return descent;
     }
-    descent.run(Budget {
-        evaluations: REFIT_EVALUATIONS,
-        worth: enough.min(hopeless),
-    })
+    descent.run(budget)
 }
 
 /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
