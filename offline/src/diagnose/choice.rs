@@ -5,7 +5,7 @@ use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
 use crate::effects;
-use crate::fit::{Evaluation, FitError, FitResult, estimates, fit_from};
+use crate::fit::{Descent, Evaluation, FitError, FitResult, estimates};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use nalgebra::DVector;
@@ -170,7 +170,8 @@ fn refine(
     before: &ResidualSummary,
 ) -> Result<Vec<Gate>, FitError> {
     let (structure, fitted) = (&model.structure, &model.fitted);
-    let fine = fit_from(&bench.finer, structure, fitted.best.theta.clone(), 2)?;
+    let there = Descent::at(&bench.finer, structure, &fitted.best.theta)?;
+    let fine = there.by_tangents().run(2).finish();
     let all = estimates(&fitted.best, structure);
     let explained_mm = taken_away_mm(before, &model.left);
     let gate = |effect: usize| {

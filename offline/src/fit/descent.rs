@@ -95,7 +95,7 @@ const LITTLE_DAMPING: f64 = 0.01;
 /// Share of what a step promised by which it may fall short or exceed it for its slopes to be corrected by it; else they
 /// are found anew.
 const FAITHFUL: f64 = 0.5;
-/// Most steps in a row after which slopes are corrected.
+/// As [`Descent::most_corrections`] where nothing else is said.
 const MOST_CORRECTIONS: usize = 3;
 
 /// How the slopes at a descent's best iterate were found.
@@ -127,6 +127,8 @@ pub struct Descent<'a> {
     /// Entries of θ that stay where they are.
     held: Vec<bool>,
     slopes: Slopes,
+    /// Most steps in a row after which slopes are corrected.
+    most_corrections: usize,
 }
 
 impl<'a> Descent<'a> {
@@ -200,7 +202,16 @@ impl<'a> Descent<'a> {
             damping: FIRST_DAMPING,
             growth: FIRST_GROWTH,
             slopes: Slopes::Whole,
+            most_corrections: MOST_CORRECTIONS,
         })
+    }
+
+    /// The same with slopes from tangents after every step, so that every step counts.
+    pub fn by_tangents(self) -> Self {
+        Self {
+            most_corrections: 0,
+            ..self
+        }
     }
 
     /// Whether it came to rest, or had as many evaluations as this without.
@@ -330,7 +341,7 @@ impl<'a> Descent<'a> {
             Slopes::Whole | Slopes::Free => 1,
         };
         let mut slopes = Slopes::Corrected(corrections);
-        if (gain - 1.0).abs() > FAITHFUL || corrections > MOST_CORRECTIONS {
+        if (gain - 1.0).abs() > FAITHFUL || corrections > self.most_corrections {
             let Ok(found) = there.traced(&self.structure, &trial, &self.held) else {
                 return false;
             };
