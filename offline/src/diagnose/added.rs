@@ -4,7 +4,6 @@ use super::round::Refit;
 use super::score::{Score, Subset};
 use crate::effects;
 use crate::model::Structure;
-use std::collections::BTreeMap;
 
 impl From<&Score> for Subset {
     fn from(score: &Score) -> Self {
@@ -58,24 +57,16 @@ impl Subset {
         refit.ids.len() < self.ids.len() && refit.ids.iter().all(|id| self.ids.contains(id))
     }
 
-    /// θ of a model in which the effects of a refit have the values they had there, beside `own` parameters of the model's
-    /// own, and the others do nothing.
-    pub(super) fn beyond(&self, refit: &Refit, own: usize) -> Vec<f64> {
-        let (own, mut values) = refit.theta.split_at(own);
-        let had = Structure::of_ids(&refit.ids).effects.into_iter().map(|effect| {
-            let (mine, others) = values.split_at(effects::ALL[effect].parameters.len());
-            values = others;
-            (effect, mine)
-        });
-        let had: BTreeMap<usize, &[f64]> = had.collect();
-        let value = |effect: usize| match had.get(&effect) {
-            Some(mine) => mine.to_vec(),
-            None => effects::ALL[effect].vanishing().collect(),
-        };
-        own.iter()
-            .copied()
-            .chain(self.effects().flat_map(value))
-            .collect()
+    /// θ of a structure with these effects, in which those that a refit of it had are as they were there, and the others do
+    /// nothing.
+    pub(super) fn beyond(&self, refit: &Refit, structure: &Structure) -> Vec<f64> {
+        let (wider, mut had) = (self.added_to(structure), structure.clone());
+        had.effects.extend(Structure::of_ids(&refit.ids).effects);
+        let mut theta = self.nothing(&refit.theta[..structure.parameters().len()]);
+        for &effect in &had.effects[structure.effects.len()..] {
+            theta[wider.entries(effect)].copy_from_slice(&refit.theta[had.entries(effect)]);
+        }
+        theta
     }
 
     /// Its name, for people.
@@ -105,6 +96,9 @@ mod tests {
             }
             .has_more_than(&curl)
         );
-        assert_eq!(pair.beyond(&curl, 2), [14.0, 0.3, 0.0, 0.5, -1.1]);
+        assert_eq!(
+            pair.beyond(&curl, &Structure::default()),
+            [14.0, 0.3, 0.0, 0.5, -1.1]
+        );
     }
 }

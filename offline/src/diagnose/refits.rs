@@ -215,7 +215,7 @@ impl<'a> Refits<'a> {
         let nothing = candidate.nothing(&self.now.fitted.best.theta);
         let of_fewer = had.iter().filter(|refit| candidate.has_more_than(refit));
         let of_fewer: Vec<Vec<f64>> = of_fewer
-            .map(|refit| candidate.beyond(refit, self.told.len()))
+            .map(|refit| candidate.beyond(refit, &self.now.structure))
             .collect();
         let enough = if of_fewer.is_empty() {
             self.now.fitted.cost

@@ -367,6 +367,7 @@ impl<'a> Descent<'a> {
         true
     }
 
+    /// What tangents of what is free are: slopes of everything where nothing is held.
     fn found(&self) -> Slopes {
         if self.held.contains(&true) {
             Slopes::Free

@@ -277,10 +277,15 @@ impl<'a> Problem<'a> {
 
     /// Whether a demonstration tells nothing of an entry of θ, by its kind. Slopes alone do not say so: they are none in
     /// the plane only, and a cable that had left it by little had a camera turned by 0.16 rad about the vertical in the
-    /// end. A rope that was rolled bends in other planes than its kinds say.
+    /// end.
     fn says_nothing_of(&self, d: usize, entry: &ParameterInfo) -> bool {
-        let spec = &self.demos[d].spec;
-        entry.sideways && spec.planar && spec.rope.roll_rad == 0.0
+        entry.sideways && self.stays_in_plane(d)
+    }
+
+    /// Whether a rope moves in the plane in which it was seen. One that was rolled bends in other planes.
+    pub(super) fn stays_in_plane(&self, demo: usize) -> bool {
+        let spec = &self.demos[demo].spec;
+        spec.planar && spec.rope.roll_rad == 0.0
     }
 
     /// What the cameras saw against what is predicted, with slopes.

@@ -86,8 +86,8 @@ fn arcs_m(scene: &Scene) -> Vec<f64> {
 }
 
 impl Problem<'_> {
-    /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes. Of a planar
-    /// motion nothing is known across its plane; slopes there are zero.
+    /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes. Across the
+    /// plane of a rope that stays in one, nothing is known; slopes there are zero.
     ///
     /// # Errors
     /// A simulation stopped.
@@ -99,7 +99,7 @@ impl Problem<'_> {
         pushes: &Pushes,
         rows: &[Row],
     ) -> Result<DMatrix<f64>, FitError> {
-        let planar = self.demos[demo].spec.planar;
+        let planar = self.stays_in_plane(demo);
         let of_block = |block: usize| {
             let asked = (block, rows);
             match (self.rests(demo), planar) {

@@ -429,9 +429,8 @@ impl Block {
         usize::from(self.without_cameras)
     }
 
-    /// Its normal equations. A parameter may not lie on the side of its vanishing
-    /// value where nothing is physical; how far it goes on the other is not limited, because a slope there says little of
-    /// the end of its range.
+    /// Its normal equations. A parameter may not lie on the side of its vanishing value where nothing is physical; how far
+    /// it goes on the other is not limited, because a slope there says little of the end of its range.
     fn normal(&self, trace: &DMatrix<f64>, residual: &DVector<f64>) -> Normal {
         let sides = self.ranges.iter().map(|&[low, high]| {
             [
