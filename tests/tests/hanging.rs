@@ -197,3 +197,29 @@ fn the_last_part_of_a_motion_and_every_third_pose_are_held_out() {
         assert_eq!(frames(&held_out[demo]), expected);
     }
 }
+
+/// Where a dashpot's own spring makes a rope ten times as stiff, a step is a third as long. It was a sixth, as if that spring
+/// lost as much as the rope.
+#[test]
+fn internal_damping_costs_the_steps_of_its_own_spring_and_no_more() {
+    let mut scene = Scene::of_demo(&swing(), CELLS).unwrap();
+    let damping = offline::effects::find("internal_damping").unwrap();
+    let structure = Structure {
+        effects: vec![damping],
+    };
+    let undamped = simulate(&scene, &physics(YOUNG_PA.ln())).unwrap();
+    for retardation_s in [0.01, 0.05, 0.2] {
+        let physics = structure.physics(&[YOUNG_PA.ln(), 0.3, retardation_s], 0.0);
+        scene.step_share = 1.0;
+        let usual = simulate(&scene, &physics).unwrap();
+        scene.step_share = 0.5;
+        let halved = simulate(&scene, &physics).unwrap();
+        let apart = usual.frames.iter().flatten().zip(halved.frames.iter().flatten());
+        let apart_m = apart.map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt());
+        let most_m = apart_m.fold(0.0, f64::max);
+        let share = usual.dt_s / undamped.dt_s;
+        println!("{retardation_s} s: {share:.3} of the step, {most_m:.1e} m from half of it");
+        assert!(share > 0.3, "{retardation_s} s: {share} of the step");
+        assert!(most_m < 1e-3, "{retardation_s} s: {most_m} m from half the step");
+    }
+}

@@ -380,7 +380,8 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
         })
     };
     let stiffening = physics.cubic_pa(&lame).map_or(T::zero(), modulus_pa);
-    let elastic = fastest_pa(&lame) * stiffest_bending(scene, physics) + stiff(stiffening);
+    let lossy_pa = fastest_pa(&lame);
+    let elastic = lossy_pa * stiffest_bending(scene, physics) + stiff(stiffening);
     let lightness = lightness(scene, physics);
     let memory_laws = || physics.memory_laws.iter();
     let viscosity: f64 = memory_laws()
@@ -390,7 +391,7 @@ pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let retardation_s = physics.retardation_s(&scene.rope);
     let of = |fastest_pa: T, viscosity_pa_s: f64| {
         scene.time_step_s(
-            fastest_pa.scale(lightness),
+            [fastest_pa, lossy_pa].map(|pa| pa.scale(lightness)),
             viscosity_pa_s * lightness,
             retardation_s,
         )
