@@ -513,15 +513,11 @@ impl Scene {
 
     /// Time step, s: [`Scene::step_share`] of the least of three: [`STABLE_SHARE`] of what is stable for the
     /// fastest oscillation of the grid, the bound ρ dx²/(6 η) of explicit viscosity, and some tenths of a
-    /// cell per step at the speed bound. `fastest_pa` is ω² ρ dx² of that oscillation, `lossy_pa` that of the stiffness
+    /// cell per step at the speed bound. The first modulus is ω² ρ dx² of that oscillation, the second that of the stiffness
     /// which the material's loss goes with; with the damping ratio ζ that the loss's retardation time τ gives the
     /// oscillation, ω τ/2 where all of it is lossy, a symplectic step is stable up to (√(1 + ζ²) − ζ) 2/ω.
-    pub fn time_step_s<T: Arithmetic>(
-        &self,
-        [fastest_pa, lossy_pa]: [T; 2],
-        viscosity_pa_s: f64,
-        retardation_s: T,
-    ) -> T {
+    pub fn time_step_s<T: Arithmetic>(&self, moduli_pa: [T; 2], viscosity_pa_s: f64, retardation_s: T) -> T {
+        let [fastest_pa, lossy_pa] = moduli_pa;
         let density = self.rope.density_kg_m3();
         let dx = self.grid.spacing_m;
         let omega_rad_s = fastest_pa.scale(1.0 / (density * dx * dx)).sqrt();
