@@ -8,7 +8,7 @@ use offline::demo::{
 use offline::fit::{FrameShare, Problem, Resolution};
 use offline::model::Structure;
 use offline::observe::{bracket, interpolate};
-use offline::sim::tensor::value3;
+use offline::sim::tensor::{norm, sub, value3};
 use offline::sim::{Dual, Hung, Laned, Physics, Real, Rollout, Scene, simulate, simulate_hung};
 
 const CELLS: f64 = 1.5;
@@ -215,8 +215,7 @@ fn internal_damping_costs_the_steps_of_its_own_spring_and_no_more() {
         scene.step_share = 0.5;
         let halved = simulate(&scene, &physics).unwrap();
         let apart = usual.frames.iter().flatten().zip(halved.frames.iter().flatten());
-        let apart_m = apart.map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt());
-        let most_m = apart_m.fold(0.0, f64::max);
+        let most_m = apart.map(|(a, b)| norm(sub(*a, *b))).fold(0.0, f64::max);
         let share = usual.dt_s / undamped.dt_s;
         println!("{retardation_s} s: {share:.3} of the step, {most_m:.1e} m from half of it");
         assert!(share > 0.3, "{retardation_s} s: {share} of the step");
