@@ -210,9 +210,9 @@ fn contracted<F: Precision, const N: usize>(
 }
 
 /// Tangents that one rollout of [`Tangents`] carries.
-pub const LANES: usize = 16;
+pub const LANES: usize = 10;
 
-/// Rollouts with the tangents of every entry of θ, sixteen at a time.
+/// Rollouts with the tangents of every entry of θ, ten at a time.
 pub struct Tangents<F: Precision>(Vec<Rollout<Dual<F, LANES>>>);
 
 impl<F: Precision> Tangents<F>

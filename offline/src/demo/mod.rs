@@ -210,6 +210,11 @@ impl DemoSpec {
     pub fn is_static(&self) -> bool {
         self.scene == SceneKind::Static
     }
+
+    /// Whether the rope stays in the plane in which it was seen. One that was rolled bends in other planes.
+    pub fn stays_in_plane(&self) -> bool {
+        self.planar && self.rope.roll_rad == 0.0
+    }
 }
 
 /// One sample of a clamp path: the pose of the rope's end point on its axis (s = 0 or s = length).

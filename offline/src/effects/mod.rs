@@ -33,8 +33,8 @@
 //!
 //! Where the slope at the vanishing value is none or useless, the parameter says so ([`Slope`]), and fit
 //! and score take a secant of the smallest size of interest. The laws that every effect must obey
-//! are tested over the registry in `tests/tests/effects.rs` without a change there; each effect
-//! is also checked against an exact result in `tests/tests/effect_physics.rs`.
+//! are tested over the registry in `tests/tests/simulator/effects.rs` without a change there; each effect
+//! is also checked against an exact result in `tests/tests/simulator/effect_physics.rs`.
 
 mod air_drag;
 mod bending_ratio;

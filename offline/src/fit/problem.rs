@@ -13,7 +13,7 @@ use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
 use crate::sim::start::Start;
 use crate::sim::tensor::value3;
-use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, simulate_hung};
+use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, poses, simulate_hung};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -282,10 +282,9 @@ impl<'a> Problem<'a> {
         entry.sideways && self.stays_in_plane(d)
     }
 
-    /// Whether a rope moves in the plane in which it was seen. One that was rolled bends in other planes.
+    /// Whether a rope moves in the plane in which it was seen.
     pub(super) fn stays_in_plane(&self, demo: usize) -> bool {
-        let spec = &self.demos[demo].spec;
-        spec.planar && spec.rope.roll_rad == 0.0
+        self.demos[demo].spec.stays_in_plane()
     }
 
     /// What the cameras saw against what is predicted, with slopes.
@@ -370,7 +369,18 @@ impl<'a> Problem<'a> {
         physics
     }
 
-    /// Simulates one demonstration.
+    /// The poses of a demonstration at rest.
+    pub(super) fn poses<T: Real>(
+        &self,
+        demo: usize,
+        structure: &Structure,
+        theta: &[T],
+    ) -> Result<Rollout<T>, FitError> {
+        let physics = self.physics(demo, structure, theta);
+        poses(&self.scenes[demo], &physics).map_err(|error| simulation(self.demos[demo], error))
+    }
+
+    /// Simulates one demonstration that goes on in time.
     pub(super) fn rollout<T: Laned>(
         &self,
         demo: usize,
@@ -457,7 +467,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// One demonstration, under pushes where there are any: N/m by component.
+    /// One demonstration, under pushes where there are any: N/m by component. Poses at rest are found without them.
     ///
     /// # Errors
     /// The simulation stopped.
@@ -468,11 +478,10 @@ impl<'a> Problem<'a> {
         theta: &[f64],
         pushed: Option<(&Pushes, &[f64])>,
     ) -> Result<Rollout<f32>, FitError> {
-        let scene = &self.scenes[demo];
         if self.rests(demo) {
-            let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
-            return self.rollout_under(demo, structure, theta, field).map(rounded);
+            return self.poses(demo, structure, theta).map(rounded);
         }
+        let scene = &self.scenes[demo];
         let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
         self.rollout_under(demo, structure, &single(theta), field)
     }

@@ -7,9 +7,9 @@ use crate::model::Structure;
 use crate::observe::{Row, bracket};
 use crate::sim::dual::Dual;
 use crate::sim::physics::ForceField;
-use crate::sim::real::{Arithmetic, Float};
+use crate::sim::real::Arithmetic;
 use crate::sim::tensor::Vec3;
-use crate::sim::{Laned, Real, Scene};
+use crate::sim::{Real, Scene};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -87,7 +87,8 @@ fn arcs_m(scene: &Scene) -> Vec<f64> {
 
 impl Problem<'_> {
     /// Slope of every row of one demonstration with respect to each component, m per N/m, where nothing pushes. Across the
-    /// plane of a rope that stays in one, nothing is known; slopes there are zero.
+    /// plane of a rope that stays in one, nothing is known; slopes there are zero, as are those of poses at rest, which are
+    /// found without pushes.
     ///
     /// # Errors
     /// A simulation stopped.
@@ -99,16 +100,16 @@ impl Problem<'_> {
         pushes: &Pushes,
         rows: &[Row],
     ) -> Result<DMatrix<f64>, FitError> {
+        if self.rests(demo) {
+            return Ok(DMatrix::zeros(rows.len(), pushes.components()));
+        }
         let planar = self.stays_in_plane(demo);
         let of_block = |block: usize| {
             let asked = (block, rows);
-            match (self.rests(demo), planar) {
-                (true, true) => self.slopes_of_block::<f64, IN_PLANE>(demo, structure, theta, pushes, asked),
-                (true, false) => self.slopes_of_block::<f64, OF_BLOCK>(demo, structure, theta, pushes, asked),
-                (false, true) => self.slopes_of_block::<f32, IN_PLANE>(demo, structure, theta, pushes, asked),
-                (false, false) => {
-                    self.slopes_of_block::<f32, OF_BLOCK>(demo, structure, theta, pushes, asked)
-                }
+            if planar {
+                self.slopes_of_block::<IN_PLANE>(demo, structure, theta, pushes, asked)
+            } else {
+                self.slopes_of_block::<OF_BLOCK>(demo, structure, theta, pushes, asked)
             }
         };
         let blocks: Vec<DMatrix<f64>> = (0..pushes.blocks)
@@ -123,17 +124,14 @@ impl Problem<'_> {
     }
 
     /// The same for one block, with a lane for each axis that is asked about at every knot.
-    fn slopes_of_block<F: Float, const N: usize>(
+    fn slopes_of_block<const N: usize>(
         &self,
         demo: usize,
         structure: &Structure,
         theta: &[f64],
         pushes: &Pushes,
         (block, rows): (usize, &[Row]),
-    ) -> Result<DMatrix<f64>, FitError>
-    where
-        Dual<F, N>: Laned,
-    {
+    ) -> Result<DMatrix<f64>, FitError> {
         let axes: &[usize] = if N == IN_PLANE { &[0, 2] } else { &[0, 1, 2] };
         let component = |lane: usize| 3 * (lane / axes.len()) + axes[lane % axes.len()];
         let input = |k: usize| match (0..N).find(|&lane| component(lane) == k) {
@@ -143,7 +141,7 @@ impl Problem<'_> {
         // A block without a force costs nothing.
         let inputs = |other: usize| (other == block).then(|| std::array::from_fn(input));
         let field = pushes.field_of(&arcs_m(&self.scenes[demo]), inputs);
-        let theta: Vec<Dual<F, N>> = theta.iter().map(|&t| Dual::of(t)).collect();
+        let theta: Vec<Dual<f32, N>> = theta.iter().map(|&t| Dual::of(t)).collect();
         let rollout = self.rollout_under(demo, structure, &theta, Some(field))?;
         let mut slopes = DMatrix::zeros(rows.len(), OF_BLOCK);
         for lane in 0..N {

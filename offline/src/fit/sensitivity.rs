@@ -13,7 +13,7 @@ use crate::sim::Track;
 use crate::sim::dual::Dual;
 use crate::sim::real::{Arithmetic, Float};
 use crate::sim::tensor::{Vec3, lift3, value3};
-use crate::sim::{Laned, Physics, Real, Rollout};
+use crate::sim::{Physics, Real, Rollout};
 use rayon::prelude::*;
 
 /// Most tangents of one pass.
@@ -321,31 +321,15 @@ impl Problem<'_> {
         theta: &[f64],
         columns: &[usize],
     ) -> Result<Part, FitError> {
-        if self.rests(demo) {
-            self.tangents_in::<f64, N>(demo, structure, theta, columns)
-        } else {
-            self.tangents_in::<f32, N>(demo, structure, theta, columns)
-        }
-    }
-
-    fn tangents_in<F: Float, const N: usize>(
-        &self,
-        demo: usize,
-        structure: &Structure,
-        theta: &[f64],
-        columns: &[usize],
-    ) -> Result<Part, FitError>
-    where
-        Dual<F, N>: Laned,
-    {
         let (kept, places) = needed(structure, theta, columns);
-        let inputs = inputs::<F, N>(theta, columns, places);
-        let rollout = self.rollout(demo, &kept, &inputs)?;
-        let slopes = tangents_of(&rollout.frames, columns);
-        Ok(Part {
-            prediction: Some(values(rollout)),
-            slopes,
-        })
+        if self.rests(demo) {
+            let inputs = inputs::<f64, N>(theta, columns, places);
+            self.poses(demo, &kept, &inputs).map(|poses| part(poses, columns))
+        } else {
+            let inputs = inputs::<f32, N>(theta, columns, places);
+            self.rollout(demo, &kept, &inputs)
+                .map(|rollout| part(rollout, columns))
+        }
     }
 
     fn secant(
@@ -393,22 +377,15 @@ impl Problem<'_> {
         structure: &Structure,
         theta: &[f64],
     ) -> Result<Prediction, FitError> {
-        if self.rests(demo) {
-            self.prediction_in::<f64>(demo, structure, theta)
-        } else {
-            self.prediction_in::<f32>(demo, structure, theta)
-        }
-    }
-
-    fn prediction_in<T: Laned>(
-        &self,
-        demo: usize,
-        structure: &Structure,
-        theta: &[f64],
-    ) -> Result<Prediction, FitError> {
         let (kept, places) = needed(structure, theta, &[]);
-        let inputs: Vec<T> = places.iter().map(|&k| T::of(theta[k])).collect();
-        self.rollout(demo, &kept, &inputs).map(values)
+        let inputs = places.iter().map(|&k| theta[k]);
+        if self.rests(demo) {
+            let inputs: Vec<f64> = inputs.collect();
+            self.poses(demo, &kept, &inputs).map(values)
+        } else {
+            let inputs: Vec<f32> = inputs.map(|t| t as f32).collect();
+            self.rollout(demo, &kept, &inputs).map(values)
+        }
     }
 }
 
@@ -423,6 +400,15 @@ fn inputs<F: Float, const N: usize>(
         None => Dual::of(theta[k]),
     };
     places.into_iter().map(input).collect()
+}
+
+/// What a rollout with tangents says about `columns`.
+fn part<F: Float, const N: usize>(rollout: Rollout<Dual<F, N>>, columns: &[usize]) -> Part {
+    let slopes = tangents_of(&rollout.frames, columns);
+    Part {
+        prediction: Some(values(rollout)),
+        slopes,
+    }
 }
 
 /// The tangents of frames, lane by lane.

@@ -110,8 +110,8 @@ mod tests {
     use super::super::scene::{Discretisation, FRICTION, demonstration};
     use super::*;
     use crate::sim::real::Arithmetic;
-    use crate::sim::rollout::time_step_s;
     use crate::sim::scene::StepLength;
+    use crate::sim::time_step::time_step_s;
 
     /// The scene's first tenth, on the coarsest grid, to save time.
     fn short() -> Scene {

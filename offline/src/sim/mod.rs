@@ -72,7 +72,7 @@
 //! (`flow.rs`) takes the particles that flow out of their lanes: 34 against 204 where few do, 122 against 270 where
 //! the rope yields at 1 %; with four tangents 196 against 1183, and 600 against 1429.
 //!
-//! The step follows the fastest oscillation of the grid ([`scene::fastest_pa`]), not the P-wave's crossing time
+//! The step follows the fastest oscillation of the grid ([`time_step::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it
 //! back.
 //!
@@ -115,6 +115,7 @@ pub mod legs;
 pub mod material;
 mod nodes;
 pub mod physics;
+mod props;
 pub mod real;
 pub mod rest;
 pub mod rollout;
@@ -126,6 +127,7 @@ pub mod step;
 mod stiffness;
 mod sweep;
 pub mod tensor;
+pub mod time_step;
 mod track;
 mod transfer;
 mod widest;
@@ -136,6 +138,6 @@ pub use hanging::{Hung, initial_particles};
 pub use lanes::Laned;
 pub use physics::Physics;
 pub use real::{Arithmetic, Real};
-pub use rollout::{Rollout, simulate, simulate_hung};
+pub use rollout::{Rollout, poses, simulate, simulate_hung};
 pub use scene::Scene;
 pub use track::Track;

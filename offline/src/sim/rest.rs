@@ -1,5 +1,6 @@
 //! How a rest state is searched for: from a first guess, by Newton's method that begins as a heavily damped fall; from
-//! a shape near it, with a matrix that is factorised anew only where the old one does not help any more.
+//! a shape near it, with a matrix that is factorised anew only where the old one does not help any more. A rope that finds
+//! no rest by its own forces alone falls once more, propped ([`super::props`]).
 
 use super::error::{Cause, SimError};
 use super::grid::{Grid, STENCIL};
@@ -9,7 +10,7 @@ use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::Start;
-use super::statics::{Advance, Held, Nodes, PinRow, Pose, Statics, gather};
+use super::statics::{Advance, Hold, Nodes, Pose, Statics, gather};
 use super::tensor::{Vec3, add, matvec, scaled, sub};
 use rayon::prelude::*;
 
@@ -21,6 +22,9 @@ const LAST_INERTIA: f64 = 0.1;
 const INERTIA_DECAY: f64 = 0.1;
 /// Most steps of a fall.
 const FALL_STEPS: usize = 120;
+/// Steps of a fall that may move some node by more than the rope's length: where more do, nodes that hardly anything holds
+/// run away.
+const RUNAWAY_STEPS: usize = 12;
 /// Most steps from a shape near by.
 const MAX_STEPS: usize = 60;
 /// A step that moves no node by more than this share of a cell ends the search.
@@ -52,16 +56,19 @@ pub struct Near {
     material_m: Vec<Vec3<f64>>,
     nodes_m: Nodes<f64>,
     placed: Vec<Placed>,
+    /// Whether it took props.
+    propped: bool,
 }
 
 impl Near {
-    fn new(statics: &Statics<f64>, nodes_m: Nodes<f64>) -> Self {
+    fn new(statics: &Statics<f64>, (nodes_m, propped): (Nodes<f64>, bool)) -> Self {
         let placed = (0..statics.layout.particles()).map(|p| placed(&statics.grid, &nodes_m, p));
         Self {
             layout: statics.layout.clone(),
             material_m: statics.grid.nodes_material_m(&statics.layout),
             placed: placed.collect(),
             nodes_m,
+            propped,
         }
     }
 
@@ -108,44 +115,56 @@ struct Patience {
     matrices: usize,
 }
 
-/// What holds a rope besides its own forces: where the clamps want the particles, and springs.
-type Hold<'a, T> = (&'a [Held<T>], &'a [PinRow]);
-
 impl<T: Real> Statics<'_, T> {
     /// Finds a pose.
     ///
     /// # Errors
     /// No rest state was found, the rope turned inside out on the way, lies on the table or would yield.
     pub fn solve(&self, pose: &Pose) -> Result<Nodes<T>, Cause> {
-        let held = self.held(pose.t_s);
-        let pins = self.pin_rows(&pose.pins);
-        let found = pose.near.as_ref().and_then(|near| {
+        self.search(pose).map(|(nodes, _)| nodes)
+    }
+
+    /// The same, and whether it took props.
+    fn search(&self, pose: &Pose) -> Result<(Nodes<T>, bool), Cause> {
+        let clamps = &self.held(pose.t_s)[..];
+        let pins = &self.pin_rows(&pose.pins)[..];
+        let hold = |propped: bool| Hold {
+            clamps,
+            pins,
+            propped,
+        };
+        let from_near = pose.near.as_ref().and_then(|near| {
             let nodes = near.nodes(self).into_iter().map(|y| y.map(T::of)).collect();
-            settle(self, nodes, (&held, &pins), &FROM_NEAR).ok()
+            let found = settle(self, nodes, &hold(near.propped), &FROM_NEAR);
+            found.ok().map(|nodes| (nodes, near.propped))
         });
-        let nodes = match found {
-            Some(nodes) => nodes,
-            None => {
-                let material_m = self.grid.nodes_material_m(&self.layout).into_iter();
-                let guess = material_m.map(|m| pose.guess.place(m).map(T::of));
-                self.fall(guess.collect(), (&held, &pins))?
+        let fallen = || {
+            let material_m = self.grid.nodes_material_m(&self.layout).into_iter();
+            let guess: Nodes<T> = material_m.map(|m| pose.guess.place(m).map(T::of)).collect();
+            match self.fall(guess.clone(), &hold(false)) {
+                Ok(nodes) => Ok((nodes, false)),
+                // Why it took props says more than why they did not help.
+                Err(cause) => self
+                    .fall(guess, &hold(true))
+                    .map_or(Err(cause), |nodes| Ok((nodes, true))),
             }
         };
+        let (nodes, propped) = from_near.map_or_else(fallen, Ok)?;
         self.above_table(&nodes)?;
         self.below_yield(&nodes)?;
-        Ok(nodes)
+        Ok((nodes, propped))
     }
 
     /// The way to rest from afar. Inertia makes a step one of a heavily damped fall: small while the rope is far from
     /// rest, so that it follows the way that a rope would take, and none at the end, where Newton's method is fast.
-    fn fall(&self, mut nodes: Nodes<T>, (held, pins): Hold<T>) -> Result<Nodes<T>, Cause> {
+    fn fall(&self, mut nodes: Nodes<T>, hold: &Hold<T>) -> Result<Nodes<T>, Cause> {
         let swing = self.swing_per_s2();
         let mut inertia = FIRST_INERTIA * swing;
-        let mut moved_m = f64::INFINITY;
+        let (mut moved_m, mut runaways) = (f64::INFINITY, 0);
         let mut matrices = self.matrices();
         for _ in 0..FALL_STEPS {
-            let forces = self.forces(&nodes, held, pins)?;
-            self.factorise(&mut matrices, (&nodes, held, pins), &mut inertia, swing)?;
+            let forces = self.forces(&nodes, hold)?;
+            self.factorise(&mut matrices, (&nodes, hold), &mut inertia, swing)?;
             let taken = self.advance(&mut nodes, &matrices, &forces);
             let calm = inertia == 0.0 && taken.share == 1.0;
             inertia = match (taken.share < 1.0, inertia < LAST_INERTIA * swing) {
@@ -159,6 +178,10 @@ impl<T: Real> Statics<'_, T> {
                 && tangents_settled(&nodes, &taken.step)
             {
                 return Ok(nodes);
+            }
+            runaways += usize::from(moved_m > self.scene.rope.length_m);
+            if runaways > RUNAWAY_STEPS {
+                break;
             }
         }
         Err(Cause::NoRest { moved_m })
@@ -174,8 +197,8 @@ pub fn settle_poses(scene: &mut Scene, physics: &Physics<f64>) -> Result<(), Sim
         return Ok(());
     };
     let statics = Statics::new(scene, physics);
-    let find = |pose: &Pose| match statics.solve(pose) {
-        Ok(nodes_m) => Ok(Near::new(&statics, nodes_m)),
+    let find = |pose: &Pose| match statics.search(pose) {
+        Ok(found) => Ok(Near::new(&statics, found)),
         Err(cause) => Err(SimError::of_pose(pose.t_s, cause)),
     };
     let found: Vec<Near> = hang.poses.par_iter().map(find).collect::<Result<_, _>>()?;
@@ -203,7 +226,12 @@ pub fn rest_near(scene: &Scene, physics: &Physics<f64>) -> Result<Vec<Placed>, S
     };
     let statics = Statics::new(scene, physics);
     let held = statics.held(0.0);
-    let nodes = settle(&statics, nodes_of(&statics, start), (&held, &[]), &FROM_MOTION);
+    let hold = Hold {
+        clamps: &held,
+        pins: &[],
+        propped: false,
+    };
+    let nodes = settle(&statics, nodes_of(&statics, start), &hold, &FROM_MOTION);
     let nodes = nodes.map_err(SimError::at_start)?;
     let particles = 0..statics.layout.particles();
     Ok(particles.map(|p| placed(&statics.grid, &nodes, p)).collect())
@@ -221,7 +249,7 @@ fn placed(grid: &Grid<f64>, nodes: &[Vec3<f64>], p: usize) -> Placed {
 fn settle<T: Real>(
     statics: &Statics<T>,
     mut nodes: Nodes<T>,
-    (held, pins): Hold<T>,
+    hold: &Hold<T>,
     patience: &Patience,
 ) -> Result<Nodes<T>, Cause> {
     let least_inertia = statics.swing_per_s2();
@@ -229,13 +257,13 @@ fn settle<T: Real>(
     let (mut inertia, mut helps, mut before_m) = (0.0, false, f64::INFINITY);
     let mut matrices_left = patience.matrices;
     for _ in 0..MAX_STEPS {
-        let forces = statics.forces(&nodes, held, pins)?;
+        let forces = statics.forces(&nodes, hold)?;
         if !helps {
             if matrices_left == 0 {
                 break;
             }
             matrices_left -= 1;
-            statics.factorise(&mut matrices, (&nodes, held, pins), &mut inertia, least_inertia)?;
+            statics.factorise(&mut matrices, (&nodes, hold), &mut inertia, least_inertia)?;
         }
         let Advance { share, moved_m, step } = statics.advance(&mut nodes, &matrices, &forces);
         if inertia == 0.0 && share == 1.0 {

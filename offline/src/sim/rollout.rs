@@ -1,8 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::axial::modulus_pa;
 use super::clamp::RigidMotion;
-use super::elastic::Lame;
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
 use super::hanging::{Hung, hang_still, initial_particles};
@@ -14,11 +12,12 @@ use super::material::Material;
 use super::physics::{Mouth, Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::{Grip, Scene, fastest_pa, require};
+use super::scene::{Grip, Scene, require};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
 use super::tensor::{Vec3, add, scaled, sub};
+use super::time_step::time_step_s;
 use super::track::Track;
 use crate::demo::RopeEnd;
 
@@ -51,11 +50,31 @@ pub struct Rollout<T> {
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    simulate_hung(scene, physics, || Ok(None))
+    match scene.start {
+        Start::Poses(_) => poses(scene, physics),
+        _ => simulate_hung(scene, physics, || Hung::of(scene, physics)),
+    }
 }
 
-/// The same where `hung` knows how the rope hangs at the start; asked once what can be simulated at all is checked. Where
-/// it hangs takes double precision to find ([`Laned::Double`]), its motion from there does not.
+/// The poses of a scene without time, for which nothing is stepped.
+///
+/// # Errors
+/// A refusal, or no rest state was found.
+///
+/// # Panics
+/// The scene has time.
+pub fn poses<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
+    let Start::Poses(poses) = &scene.start else {
+        panic!("the scene has time");
+    };
+    check_parameters(physics)?;
+    scene.check()?;
+    hang_still(scene, physics, poses)
+}
+
+/// Simulates a scene with time where `hung` knows how the rope hangs at the start, if it does; asked once what can be
+/// simulated at all is checked. Where it hangs takes double precision to find ([`Laned::Double`]), its motion from there
+/// does not.
 ///
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
@@ -84,7 +103,10 @@ pub fn simulate_hung<T: Laned>(
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
 pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
-    run::<T, OneByOne<T>>(scene, physics, || Ok(None))
+    match scene.start {
+        Start::Poses(_) => poses(scene, physics),
+        _ => run::<T, OneByOne<T>>(scene, physics, || Hung::of(scene, physics)),
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -113,13 +135,8 @@ fn run<T: Real, E: Engine<T>>(
     physics: &Physics<T>,
     hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
-    if let Start::Poses(poses) = &scene.start {
-        check_parameters(physics)?;
-        scene.check()?;
-        return hang_still(scene, physics, poses);
-    }
     let setup = Setup::new(scene, physics)?;
-    let mut engine: E = setup.hanging_engine(hung()?)?;
+    let mut engine: E = setup.hanging_engine(hung()?);
     let mut recorder = Recorder::new(scene);
     let mut state = 0;
     while state <= setup.steps {
@@ -246,8 +263,8 @@ impl<'a, T: Real> Setup<'a, T> {
         E::new(&self.context, layout, self.scene.grid, particles, material)
     }
 
-    /// The same where the rope may hang at the start, as `hung` says where it is given.
-    fn hanging_engine<E: Engine<T>>(&self, hung: Option<Hung<T>>) -> Result<E, SimError> {
+    /// The same where the rope may hang at the start, as `hung` says.
+    fn hanging_engine<E: Engine<T>>(&self, hung: Option<Hung<T>>) -> E {
         let mut particles = initial_particles(self.scene, &self.layout, &self.masses_kg);
         if let Start::Placed(placed) = &self.scene.start {
             for (particle, at) in particles.iter_mut().zip(placed) {
@@ -255,10 +272,6 @@ impl<'a, T: Real> Setup<'a, T> {
                 particle.deformation_gradient = at.deformation_gradient.map(|row| row.map(T::of));
             }
         }
-        let hung = match hung {
-            None => Hung::of(self.scene, self.context.physics)?,
-            known => known,
-        };
         if let Some(hung) = &hung {
             hung.place(&mut particles);
         }
@@ -266,7 +279,7 @@ impl<'a, T: Real> Setup<'a, T> {
         if let Some(velocities_m_s) = hung.and_then(|hung| hung.velocities_m_s) {
             engine.set_node_velocities(&velocities_m_s);
         }
-        Ok(engine)
+        engine
     }
 
     /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
@@ -361,64 +374,6 @@ pub fn mouths(scene: &Scene) -> Vec<Mouth> {
         outwards: if grip.end == RopeEnd::Start { 1.0 } else { -1.0 },
     };
     scene.grips.iter().zip(scene.edges_m()).map(mouth).collect()
-}
-
-/// The time step of a scene with all laws of a physics, s.
-pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
-    time_step(scene, physics).value()
-}
-
-/// The same with its derivative. A piece that is lighter than the rope as declared counts as that much
-/// stiffer, because wave speed and diffusivity go with their ratio.
-pub(super) fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
-    let lame = physics.lame();
-    // A stiffness of another kind counts with the factor of λ, the larger.
-    let stiff = |modulus_pa: T| {
-        fastest_pa(&Lame {
-            mu: T::zero(),
-            lambda: modulus_pa,
-        })
-    };
-    let stiffening = physics.cubic_pa(&lame).map_or(T::zero(), modulus_pa);
-    let lossy_pa = fastest_pa(&lame);
-    let elastic = lossy_pa * stiffest_bending(scene, physics) + stiff(stiffening);
-    let lightness = lightness(scene, physics);
-    let memory_laws = || physics.memory_laws.iter();
-    let viscosity: f64 = memory_laws()
-        .map(|law| law.viscosity(&lame).p_wave_modulus().value())
-        .sum();
-    let quick = memory_laws().fold(T::zero(), |sum, law| sum + fastest_pa(&law.quick(&lame)));
-    let retardation_s = physics.retardation_s(&scene.rope);
-    let of = |fastest_pa: T, viscosity_pa_s: f64| {
-        scene.time_step_s(
-            [fastest_pa, lossy_pa].map(|pa| pa.scale(lightness)),
-            viscosity_pa_s * lightness,
-            retardation_s,
-        )
-    };
-    let (slow, fast) = (of(elastic, viscosity), of(elastic + quick, 0.0));
-    T::select(slow.exceeds(fast), slow, fast)
-}
-
-/// Declared density over the least that the laws leave, at least one.
-fn lightness<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
-    if physics.mass_laws.is_empty() {
-        return 1.0;
-    }
-    let layout = scene.layout();
-    let density = scene.rope.density_kg_m3();
-    let masses = masses_kg(scene, physics, &layout);
-    let declared = |p| T::of(density * layout.particle_volume_m3(p)).value();
-    let ratios = masses.iter().enumerate().map(|(p, m)| declared(p) / m.value());
-    ratios.fold(1.0, f64::max)
-}
-
-/// Largest bending stiffness of a slice as a multiple of the solid section's, at least one.
-fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
-    if physics.bending_laws.is_empty() {
-        return T::one();
-    }
-    Material::new(physics, &scene.layout(), &mouths(scene)).largest_bending()
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {

@@ -2,7 +2,6 @@
 //! demonstration, `swing` from the task.
 
 use super::clamp::{self, ClampPath, Knot, STIFFNESS};
-use super::elastic::Lame;
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
 use super::real::Arithmetic;
@@ -102,29 +101,10 @@ pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
 /// the spacing that the program chooses where nobody asks for a finer one.
 pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;
 
-/// Share of the largest step that is stable for small motions of the undeformed rope that a step takes;
-/// the rest is for large strains.
-pub const STABLE_SHARE: f64 = 0.85;
-
-/// ω² ρ dx² of the fastest oscillation on a grid is at most the first times λ plus the second times μ.
-/// Measured by power iteration on ropes of 1.5 to 3 cells, ν from 0 to 0.49 and three alignments: up to 7 %
-/// below this bound at 1.5 cells, up to a quarter at 3 (`the_bound_of_the_fastest_oscillation_holds`).
-const FASTEST: [f64; 2] = [6.7, 5.9];
-
-/// Largest speed that the time step provides for, m/s; above it a step moves too far.
-const SPEED_BOUND_M_S: f64 = 10.0;
-/// Largest motion in a step at that speed, cells.
-const MOST_CELLS_PER_STEP: f64 = 0.4;
-
 /// Most steps times particles of one rollout: an hour at 180 ns for a particle's step. The usual rollout
 /// has some ten million; long internal damping of a stiff rope, whose explicit step is thousands of
 /// times shorter, would otherwise run for days without a word.
 pub const MOST_PARTICLE_STEPS: f64 = 2e10;
-
-/// ω² ρ dx² of the fastest oscillation on a grid, Pa, at most.
-pub fn fastest_pa<T: Arithmetic>(lame: &Lame<T>) -> T {
-    lame.lambda.scale(FASTEST[0]) + lame.mu.scale(FASTEST[1])
-}
 
 impl Scene {
     /// The scene of a demonstration, on a grid with `cells` cells across the rope.
@@ -509,41 +489,6 @@ impl Scene {
     /// Stiffness of the clamps' springs over the mass of their particles, 1/s².
     pub fn clamp_per_kg<T: Arithmetic>(&self, young_pa: T) -> T {
         young_pa.scale(STIFFNESS / (self.rope.density_kg_m3() * self.grid.spacing_m.powi(2)))
-    }
-
-    /// Time step, s: [`Scene::step_share`] of the least of three: [`STABLE_SHARE`] of what is stable for the
-    /// fastest oscillation of the grid, the bound ρ dx²/(6 η) of explicit viscosity, and some tenths of a
-    /// cell per step at the speed bound. The first modulus is ω² ρ dx² of that oscillation, the second that of the stiffness
-    /// which the material's loss goes with; with the damping ratio ζ that the loss's retardation time τ gives the
-    /// oscillation, ω τ/2 where all of it is lossy, a symplectic step is stable up to (√(1 + ζ²) − ζ) 2/ω.
-    pub fn time_step_s<T: Arithmetic>(&self, moduli_pa: [T; 2], viscosity_pa_s: f64, retardation_s: T) -> T {
-        let [fastest_pa, lossy_pa] = moduli_pa;
-        let density = self.rope.density_kg_m3();
-        let dx = self.grid.spacing_m;
-        let omega_rad_s = fastest_pa.scale(1.0 / (density * dx * dx)).sqrt();
-        let ratio = (omega_rad_s * retardation_s).scale(0.5) * (lossy_pa / fastest_pa);
-        let lossy = (T::one() + ratio * ratio).sqrt() - ratio;
-        let stable_s = (lossy / omega_rad_s).scale(2.0 * STABLE_SHARE);
-        let viscous_s = density * dx * dx / (6.0 * viscosity_pa_s.max(f64::MIN_POSITIVE));
-        let still_s = MOST_CELLS_PER_STEP * dx / SPEED_BOUND_M_S;
-        let least_s = T::of(viscous_s.min(still_s));
-        T::select(stable_s.exceeds(least_s), least_s, stable_s).scale(self.step_share)
-    }
-
-    /// The time step that [`Self::step`] asks for, s, where `longest_s` is the one of all laws.
-    ///
-    /// # Errors
-    /// A fixed step that is not stable.
-    pub fn chosen_step_s(&self, longest_s: f64) -> Result<f64, SimError> {
-        let limit_s = longest_s / STABLE_SHARE;
-        match self.step {
-            StepLength::Longest => Ok(longest_s),
-            StepLength::Fixed(dt_s) if dt_s > 0.0 && dt_s <= limit_s => Ok(dt_s),
-            StepLength::Fixed(dt_s) => Err(SimError::at_start(Cause::StepTooLong {
-                dt_s,
-                longest_s: limit_s,
-            })),
-        }
     }
 }
 

@@ -34,6 +34,8 @@ pub struct Hang {
     pub frames: Vec<Mat3<f64>>,
     /// The poses.
     pub poses: Vec<Pose>,
+    /// Whether the rope was seen to stay in the plane of x and z.
+    pub in_plane: bool,
 }
 
 impl Start {
@@ -63,6 +65,7 @@ impl Start {
             Hang {
                 frames: builder.frames(&poses[0].guess),
                 poses,
+                in_plane: spec.stays_in_plane(),
             }
         };
         match (spec.scene, spec.start) {

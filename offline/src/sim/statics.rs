@@ -19,6 +19,7 @@ use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::material::Material;
 use super::physics::{ForcePoint, Physics, SliceMotion};
+use super::props::Props;
 use super::real::Real;
 use super::rest::Near;
 use super::rollout::{grip_motions, masses_kg, mouths};
@@ -63,7 +64,7 @@ const REGULARISATION: f64 = 1e-9;
 
 /// The rest states of one rope.
 pub struct Statics<'a, T: Real> {
-    scene: &'a Scene,
+    pub(super) scene: &'a Scene,
     physics: &'a Physics<T>,
     pub(super) layout: RopeLayout,
     pub(super) grid: Grid<f64>,
@@ -73,6 +74,7 @@ pub struct Statics<'a, T: Real> {
     material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s², that of the rollout.
     clamp_per_kg: T,
+    props: Props<T>,
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
@@ -82,6 +84,16 @@ pub struct Statics<'a, T: Real> {
 pub(super) type Held<T> = Option<Vec3<T>>;
 /// A pin as a row of node weights.
 pub(super) type PinRow = (Pin, Vec<(usize, f64)>);
+
+/// What holds a rope besides its own forces.
+#[derive(Clone, Copy)]
+pub(super) struct Hold<'a, T> {
+    /// Where the clamps want each particle.
+    pub(super) clamps: &'a [Held<T>],
+    pub(super) pins: &'a [PinRow],
+    /// Whether the [`Props`] hold it too.
+    pub(super) propped: bool,
+}
 
 /// The matrices of a search for a rest state, in memory that is used again.
 pub(super) struct Matrices {
@@ -111,6 +123,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
         let material = Material::new(physics, &layout, &mouths(scene));
+        let props = Props::new(scene, (&layout, &grid), &lame, swing_per_s2(scene, physics));
         let mut statics = Self {
             scene,
             physics,
@@ -120,6 +133,7 @@ impl<'a, T: Real> Statics<'a, T> {
             lame,
             material,
             clamp_per_kg: scene.clamp_per_kg(physics.young_pa),
+            props,
             place: Vec::new(),
             band: 0,
         };
@@ -178,7 +192,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// Squared frequency of a pendulum as long as the rope, 1/s².
     pub(super) fn swing_per_s2(&self) -> f64 {
-        (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m
+        swing_per_s2(self.scene, self.physics)
     }
 
     /// Where the clamps want each gripped particle.
@@ -214,12 +228,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Forces at the nodes, N.
-    pub(super) fn forces(
-        &self,
-        nodes: &[Vec3<T>],
-        held: &[Held<T>],
-        pins: &[PinRow],
-    ) -> Result<Nodes<T>, Cause> {
+    pub(super) fn forces(&self, nodes: &[Vec3<T>], hold: &Hold<T>) -> Result<Nodes<T>, Cause> {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
         let mut forces = vec![zero3(); nodes.len()];
         let particles: Vec<(Vec3<T>, Mat3<T>)> = (0..self.grid.links.len())
@@ -238,9 +247,14 @@ impl<'a, T: Real> Statics<'a, T> {
             let stress = self.stress(&material, p, &f)?;
             let volume = self.layout.particle_volume_m3(p);
             let mut body = add(mul(self.physics.gravity_m_s2, mass), pushed);
-            if let Some(target) = held[p] {
+            if let Some(target) = hold.clamps[p] {
                 let spring = mass * self.clamp_per_kg;
                 body = add(body, mul(sub(target, x), spring));
+            }
+            if hold.propped {
+                body = add(body, self.props.spring_n(p, &x, mass));
+                self.props
+                    .add_forces(&mut forces, nodes, (&self.grid, p, volume), particles[p]);
             }
             for entry in 0..STENCIL {
                 let weight = link.weights[entry];
@@ -253,7 +267,7 @@ impl<'a, T: Real> Statics<'a, T> {
                 *node = add(*node, force);
             }
         }
-        for (pin, row) in pins {
+        for (pin, row) in hold.pins {
             let at = row
                 .iter()
                 .fold(zero3(), |sum, (node, w)| add(sum, scaled(nodes[*node], *w)));
@@ -314,7 +328,7 @@ impl<'a, T: Real> Statics<'a, T> {
     pub(super) fn factorise(
         &self,
         matrices: &mut Matrices,
-        (nodes, held, pins): (&[Vec3<T>], &[Held<T>], &[PinRow]),
+        (nodes, hold): (&[Vec3<T>], &Hold<T>),
         inertia: &mut f64,
         inertia_least: f64,
     ) -> Result<(), Cause> {
@@ -323,7 +337,7 @@ impl<'a, T: Real> Statics<'a, T> {
             factor,
             mass_kg,
         } = matrices;
-        self.fill_tangent(tangent, nodes, held, pins);
+        self.fill_tangent(tangent, nodes, hold);
         while inertia.is_finite() {
             let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
             if factor.factorise(tangent, more) {
@@ -334,7 +348,7 @@ impl<'a, T: Real> Statics<'a, T> {
         Err(Cause::NonFinite { particle: 0 })
     }
 
-    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], held: &[Held<T>], pins: &[PinRow]) {
+    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], hold: &Hold<T>) {
         matrix.clear();
         let lame = Lame {
             mu: self.lame.mu.value(),
@@ -363,9 +377,14 @@ impl<'a, T: Real> Statics<'a, T> {
                     common.add(&elastic, &at, &gradients, 1.0 / members as f64);
                     common.volume_m3 += (1.0 - bending) * volume;
                 }
-                if held[p].is_some() {
+                if hold.clamps[p].is_some() {
                     let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
-                    add_spring(matrix, &at, &link.weights, spring);
+                    add_spring(matrix, (&at, &link.weights), 0..3, spring);
+                }
+                if hold.propped {
+                    let mass_kg = self.masses_kg[p].value();
+                    self.props
+                        .add_stiffness(matrix, &at, (&self.grid, p, volume), mass_kg);
                 }
             }
             if common.volume_m3 != 0.0 {
@@ -374,10 +393,10 @@ impl<'a, T: Real> Statics<'a, T> {
                 add_stiffness(matrix, &at, &gradients, &slope, common.volume_m3);
             }
         }
-        for (pin, row) in pins {
+        for (pin, row) in hold.pins {
             let (at, weights): (Vec<usize>, Vec<f64>) =
                 row.iter().map(|(node, w)| (3 * self.place[*node], *w)).unzip();
-            add_spring(matrix, &at, &weights, pin.stiffness_n_m);
+            add_spring(matrix, (&at, &weights), 0..3, pin.stiffness_n_m);
         }
     }
 
@@ -485,6 +504,11 @@ pub(super) fn gather<R: Real>(grid: &Grid<f64>, nodes: &[Vec3<R>], p: usize) -> 
         }
     }
     (add(x, origin), f)
+}
+
+/// Squared frequency of a pendulum as long as a scene's rope, 1/s².
+fn swing_per_s2<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
+    (-physics.gravity_m_s2[2].value()).max(1.0) / scene.rope.length_m
 }
 
 /// Length of the value, without tangents.

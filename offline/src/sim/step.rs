@@ -410,8 +410,8 @@ mod tests {
     use crate::sim::initial_particles;
     use crate::sim::rollout::{masses_kg, mouths};
     use crate::sim::rope::RopeShape;
-    use crate::sim::scene::fastest_pa;
     use crate::sim::tensor::dot;
+    use crate::sim::time_step::fastest_pa;
 
     const DENSITY_KG_M3: f64 = 1000.0;
     const YOUNG_PA: f64 = 1e6;

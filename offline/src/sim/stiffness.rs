@@ -78,11 +78,16 @@ fn add_stiffness_inlined(
     }
 }
 
-/// Adds a spring at a point that is a weighted mean of nodes.
-pub(super) fn add_spring(matrix: &mut Band, at: &[usize], weights: &[f64], stiffness_n_m: f64) {
+/// Adds a spring along some axes at a point that is a weighted mean of nodes.
+pub(super) fn add_spring(
+    matrix: &mut Band,
+    (at, weights): (&[usize], &[f64]),
+    axes: std::ops::Range<usize>,
+    stiffness_n_m: f64,
+) {
     for (&column, weight) in at.iter().zip(weights) {
         for (&row, other) in at.iter().zip(weights).filter(|(row, _)| **row >= column) {
-            for k in 0..3 {
+            for k in axes.clone() {
                 matrix.add(row + k, column + k, stiffness_n_m * weight * other);
             }
         }

@@ -6,9 +6,10 @@ use crate::sim::grid::Grid;
 use crate::sim::initial_particles;
 use crate::sim::material::Material;
 use crate::sim::real::Real;
-use crate::sim::rollout::{grip_motions, masses_kg, mouths, time_step_s};
+use crate::sim::rollout::{grip_motions, masses_kg, mouths};
 use crate::sim::rope::RopeLayout;
 use crate::sim::step::{Particle, StepContext, grid_to_particles, step};
+use crate::sim::time_step::time_step_s;
 use crate::sim::{Physics, Scene, SimError};
 use nalgebra::{Matrix3, Vector3};
 

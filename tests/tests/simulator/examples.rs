@@ -1,8 +1,8 @@
 //! The examples of the simulator's gradients do what they say.
 
-#[path = "../../offline/examples/aim_gripper.rs"]
+#[path = "../../../offline/examples/aim_gripper.rs"]
 mod aim_gripper;
-#[path = "../../offline/examples/fit_stiffness.rs"]
+#[path = "../../../offline/examples/fit_stiffness.rs"]
 mod fit_stiffness;
 
 #[test]
