@@ -1,6 +1,6 @@
 //! How a rest state is searched for: from a first guess, by Newton's method that begins as a heavily damped fall; from
 //! a shape near it, with a matrix that is factorised anew only where the old one does not help any more. A rope that finds
-//! no rest by its own forces alone falls once more, propped ([`super::props`]).
+//! no rest by its own forces alone falls once more, propped (`props.rs`).
 
 use super::error::{Cause, SimError};
 use super::grid::{Grid, STENCIL};
