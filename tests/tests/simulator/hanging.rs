@@ -223,9 +223,9 @@ fn internal_damping_costs_the_steps_of_its_own_spring_and_no_more() {
     }
 }
 
-/// A heavy cable whose clamp points to the side, then almost straight up.
+/// A heavy cable whose clamp points down, to the side, then almost straight up.
 fn cable() -> Demo {
-    const TURNED_RAD: [f64; 2] = [1.57, 2.88];
+    const TURNED_RAD: [f64; 3] = [0.0, 1.57, 2.88];
     let mut demo = poses();
     demo.spec.rope = RopeSpec {
         length_m: 0.42,
