@@ -84,7 +84,7 @@ fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
 
 /// Effects that reverse mode knows and that have slopes everywhere: their laws act on one particle at a
 /// time and forget, and none of them is a jump in time.
-pub fn smooth_particle_effects() -> Vec<usize> {
+fn smooth_particle_effects() -> Vec<usize> {
     effects_where(|p| !p.changes_material() && p.observation_laws.is_empty() && p.release_delay_s == 0.0)
 }
 
@@ -92,6 +92,18 @@ pub fn smooth_particle_effects() -> Vec<usize> {
 const BASE: usize = 3;
 
 impl Everything {
+    /// Every effect with a smooth law of single particles and a random direction of each path, drawn from `seed` on. A path
+    /// of one knot holds the rope where it is, wherever that knot lies.
+    pub fn smooth(scene: &Scene, seed: u64) -> Self {
+        let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
+        let grips = (0..scene.grips.len()).filter(moves);
+        Self {
+            effects: smooth_particle_effects(),
+            shifts: grips.map(|g| random_shift(scene, g, seed + g as u64)).collect(),
+            fields: Vec::new(),
+        }
+    }
+
     /// What the entries of θ are called.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = ["young", "poisson", "friction"].map(String::from).into();

@@ -3,7 +3,7 @@
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, given_up, smallest_share, statistical_gates};
+use super::gates::{excess_removed, given_up, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
@@ -283,17 +283,10 @@ impl<'a> Refits<'a> {
         });
     }
 
-    /// Whether a refit explains as much as it has to where it was fitted. One that does not is refused wherever else the
-    /// prior holds it, because that is not where it explains the most.
-    fn takes_its_share(&self, candidate: &Subset, descent: &Descent) -> bool {
-        let left = ResidualSummary::of(descent.best());
-        excess_removed(&self.now.left, &left, 0.0) >= smallest_share(candidate.ids.len(), self.options)
-    }
-
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
     fn judge(&self, candidate: &Subset, descent: Descent) -> Option<Tried> {
         let cost = descent.cost();
-        let fitted = if descent.has_had(REFIT_EVALUATIONS) && self.takes_its_share(candidate, &descent) {
+        let fitted = if descent.has_had(REFIT_EVALUATIONS) {
             descent.shrunk(SHRINK_EVALUATIONS).finish()
         } else {
             descent.finish()

@@ -223,11 +223,6 @@ impl<'a> Descent<'a> {
         }
     }
 
-    /// The best iterate so far.
-    pub fn best(&self) -> &Evaluation {
-        &self.best.evaluation
-    }
-
     /// Cost so far.
     pub fn cost(&self) -> f64 {
         self.cost

@@ -9,11 +9,10 @@
 //!   thickens or thins.
 
 use super::band::Band;
-use super::elastic::Lame;
 use super::grid::{Grid, STENCIL};
 use super::real::Real;
 use super::rope::RopeLayout;
-use super::scene::Scene;
+use super::statics::Statics;
 use super::stiffness::add_spring;
 use super::tensor::{Mat3, Vec3, add, dot, matvec, mul, scaled, sub, zero3};
 
@@ -42,14 +41,15 @@ struct Across {
 }
 
 impl<T: Real> Props<T> {
-    /// Those of a rope in its stress-free division into particles and nodes; `swing_per_s2` is the squared frequency of a
-    /// pendulum as long as the rope.
-    pub(super) fn new(
-        scene: &Scene,
-        (layout, grid): (&RopeLayout, &Grid<f64>),
-        lame: &Lame<T>,
-        swing_per_s2: f64,
-    ) -> Self {
+    /// Those of a rope.
+    pub(super) fn new(statics: &Statics<T>) -> Self {
+        let Statics {
+            scene,
+            layout,
+            grid,
+            lame,
+            ..
+        } = statics;
         let stiffest_pa_m2 = lame.p_wave_modulus().scale(AFFINE / grid.spacing_m.powi(2));
         let slightness = slightness(layout, grid).into_iter();
         let in_plane = scene.start.hang().is_some_and(|hang| hang.in_plane);
@@ -57,7 +57,7 @@ impl<T: Real> Props<T> {
         Self {
             affine_pa_m2: slightness.map(|share| stiffest_pa_m2.scale(share)).collect(),
             across: in_plane.then(|| Across {
-                per_kg: swing_per_s2,
+                per_kg: statics.swing_per_s2(),
                 y_m: y_m().collect(),
             }),
         }

@@ -6,6 +6,7 @@ use super::error::{Cause, SimError};
 use super::grid::{Grid, STENCIL};
 use super::legs::Placed;
 use super::physics::Physics;
+use super::props::Props;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
@@ -13,6 +14,7 @@ use super::start::Start;
 use super::statics::{Advance, Hold, Nodes, Pose, Statics, gather};
 use super::tensor::{Vec3, add, matvec, scaled, sub};
 use rayon::prelude::*;
+use std::cell::OnceCell;
 
 /// Inertia of the first step of a fall and below which there is none any more, in units of a pendulum's squared
 /// frequency.
@@ -128,10 +130,11 @@ impl<T: Real> Statics<'_, T> {
     fn search(&self, pose: &Pose) -> Result<(Nodes<T>, bool), Cause> {
         let clamps = &self.held(pose.t_s)[..];
         let pins = &self.pin_rows(&pose.pins)[..];
+        let props = OnceCell::new();
         let hold = |propped: bool| Hold {
             clamps,
             pins,
-            propped,
+            props: propped.then(|| props.get_or_init(|| Props::new(self))),
         };
         let from_near = pose.near.as_ref().and_then(|near| {
             let nodes = near.nodes(self).into_iter().map(|y| y.map(T::of)).collect();
@@ -229,7 +232,7 @@ pub fn rest_near(scene: &Scene, physics: &Physics<f64>) -> Result<Vec<Placed>, S
     let hold = Hold {
         clamps: &held,
         pins: &[],
-        propped: false,
+        props: None,
     };
     let nodes = settle(&statics, nodes_of(&statics, start), &hold, &FROM_MOTION);
     let nodes = nodes.map_err(SimError::at_start)?;

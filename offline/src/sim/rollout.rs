@@ -78,6 +78,9 @@ pub fn poses<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>,
 ///
 /// # Errors
 /// A refusal or a stop, with step, time and cause.
+///
+/// # Panics
+/// The scene has no time.
 pub fn simulate_hung<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
@@ -135,6 +138,7 @@ fn run<T: Real, E: Engine<T>>(
     physics: &Physics<T>,
     hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
+    assert!(!matches!(scene.start, Start::Poses(_)), "the scene has no time");
     let setup = Setup::new(scene, physics)?;
     let mut engine: E = setup.hanging_engine(hung()?);
     let mut recorder = Recorder::new(scene);

@@ -69,12 +69,11 @@ pub struct Statics<'a, T: Real> {
     pub(super) layout: RopeLayout,
     pub(super) grid: Grid<f64>,
     pub(super) masses_kg: Vec<T>,
-    lame: Lame<T>,
+    pub(super) lame: Lame<T>,
     /// The material, of which nothing is taken down yet.
     material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s², that of the rollout.
     clamp_per_kg: T,
-    props: Props<T>,
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
@@ -86,13 +85,11 @@ pub(super) type Held<T> = Option<Vec3<T>>;
 pub(super) type PinRow = (Pin, Vec<(usize, f64)>);
 
 /// What holds a rope besides its own forces.
-#[derive(Clone, Copy)]
 pub(super) struct Hold<'a, T> {
     /// Where the clamps want each particle.
     pub(super) clamps: &'a [Held<T>],
     pub(super) pins: &'a [PinRow],
-    /// Whether the [`Props`] hold it too.
-    pub(super) propped: bool,
+    pub(super) props: Option<&'a Props<T>>,
 }
 
 /// The matrices of a search for a rest state, in memory that is used again.
@@ -123,7 +120,6 @@ impl<'a, T: Real> Statics<'a, T> {
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
         let material = Material::new(physics, &layout, &mouths(scene));
-        let props = Props::new(scene, (&layout, &grid), &lame, swing_per_s2(scene, physics));
         let mut statics = Self {
             scene,
             physics,
@@ -133,7 +129,6 @@ impl<'a, T: Real> Statics<'a, T> {
             lame,
             material,
             clamp_per_kg: scene.clamp_per_kg(physics.young_pa),
-            props,
             place: Vec::new(),
             band: 0,
         };
@@ -192,7 +187,7 @@ impl<'a, T: Real> Statics<'a, T> {
 
     /// Squared frequency of a pendulum as long as the rope, 1/s².
     pub(super) fn swing_per_s2(&self) -> f64 {
-        swing_per_s2(self.scene, self.physics)
+        (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m
     }
 
     /// Where the clamps want each gripped particle.
@@ -251,10 +246,9 @@ impl<'a, T: Real> Statics<'a, T> {
                 let spring = mass * self.clamp_per_kg;
                 body = add(body, mul(sub(target, x), spring));
             }
-            if hold.propped {
-                body = add(body, self.props.spring_n(p, &x, mass));
-                self.props
-                    .add_forces(&mut forces, nodes, (&self.grid, p, volume), particles[p]);
+            if let Some(props) = hold.props {
+                body = add(body, props.spring_n(p, &x, mass));
+                props.add_forces(&mut forces, nodes, (&self.grid, p, volume), particles[p]);
             }
             for entry in 0..STENCIL {
                 let weight = link.weights[entry];
@@ -381,10 +375,9 @@ impl<'a, T: Real> Statics<'a, T> {
                     let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
                     add_spring(matrix, (&at, &link.weights), 0..3, spring);
                 }
-                if hold.propped {
+                if let Some(props) = hold.props {
                     let mass_kg = self.masses_kg[p].value();
-                    self.props
-                        .add_stiffness(matrix, &at, (&self.grid, p, volume), mass_kg);
+                    props.add_stiffness(matrix, &at, (&self.grid, p, volume), mass_kg);
                 }
             }
             if common.volume_m3 != 0.0 {
@@ -504,11 +497,6 @@ pub(super) fn gather<R: Real>(grid: &Grid<f64>, nodes: &[Vec3<R>], p: usize) -> 
         }
     }
     (add(x, origin), f)
-}
-
-/// Squared frequency of a pendulum as long as a scene's rope, 1/s².
-fn swing_per_s2<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
-    (-physics.gravity_m_s2[2].value()).max(1.0) / scene.rope.length_m
 }
 
 /// Length of the value, without tangents.

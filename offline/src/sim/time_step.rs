@@ -65,14 +65,9 @@ impl Scene {
     }
 }
 
-/// The time step of a scene with all laws of a physics, s.
+/// The time step of a scene with all laws of a physics, s. A piece that is lighter than the rope as declared counts as that
+/// much stiffer, because wave speed and diffusivity go with their ratio.
 pub fn time_step_s<T: Real>(scene: &Scene, physics: &Physics<T>) -> f64 {
-    time_step(scene, physics).value()
-}
-
-/// The same with its derivative. A piece that is lighter than the rope as declared counts as that much
-/// stiffer, because wave speed and diffusivity go with their ratio.
-fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     let lame = physics.lame();
     // A stiffness of another kind counts with the factor of λ, the larger.
     let stiff = |modulus_pa: T| {
@@ -99,7 +94,7 @@ fn time_step<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
         )
     };
     let (slow, fast) = (of(elastic, viscosity), of(elastic + quick, 0.0));
-    T::select(slow.exceeds(fast), slow, fast)
+    T::select(slow.exceeds(fast), slow, fast).value()
 }
 
 /// Declared density over the least that the laws leave, at least one.

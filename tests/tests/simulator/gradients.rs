@@ -7,18 +7,14 @@ use offline::sim::lanes::Laned;
 use offline::sim::{Cause, Dual, Scene, simulate};
 use tests::derivatives::{
     Contracted, Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,
-    reverse_gradient, smooth_cotangent, smooth_particle_effects, swing,
+    reverse_gradient, smooth_cotangent, swing,
 };
 
-/// Every effect with a smooth law of single particles, a random direction of each path and two of the
-/// force. A path of one knot holds the rope where it is, wherever that knot lies.
+/// Effects and directions of the paths, and two directions of the force.
 fn everything(scene: &Scene) -> Everything {
-    let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
-    let grips = (0..scene.grips.len()).filter(moves);
     Everything {
-        effects: smooth_particle_effects(),
-        shifts: grips.map(|g| random_shift(scene, g, 10 + g as u64)).collect(),
         fields: vec![random_field(scene, 5, 20), random_field(scene, 5, 21)],
+        ..Everything::smooth(scene, 10)
     }
 }
 

@@ -223,17 +223,12 @@ fn internal_damping_costs_the_steps_of_its_own_spring_and_no_more() {
     }
 }
 
-/// A heavy cable whose clamp points down, to the side, then almost straight up.
+/// How far a heavy cable's clamp is turned, rad: it points down, to the side, then almost straight up.
+const TURNED_RAD: [f64; 3] = [0.0, 1.57, 2.88];
+const CABLE_M: f64 = 0.42;
+
 fn cable() -> Demo {
-    const TURNED_RAD: [f64; 3] = [0.0, 1.57, 2.88];
-    let mut demo = poses();
-    demo.spec.rope = RopeSpec {
-        length_m: 0.42,
-        mass_kg: 0.441,
-        direction: [0.0, 0.0, -1.0],
-        end_mass_kg: 0.052,
-        ..demo.spec.rope
-    };
+    let free = spec(SceneKind::Static, StartState::Straight);
     let turned = TURNED_RAD.iter().zip(0u32..);
     let clamp = turned.clone().map(|(&turned_rad, k)| {
         let (sin, cos) = (0.5 * turned_rad).sin_cos();
@@ -245,16 +240,29 @@ fn cable() -> Demo {
         }
     });
     let seen = turned.flat_map(|(&turned_rad, k)| {
-        [0.22, 0.42].map(|s_m| MarkerSample {
+        [0.22, CABLE_M].map(|s_m| MarkerSample {
             t_s: f64::from(k),
             marker: format!("{s_m}"),
             s_m,
             position_m: straight_m(s_m, turned_rad),
         })
     });
-    demo.clamps = vec![clamp.collect()];
-    demo.observations = Observations::Markers(seen.collect());
-    demo
+    Demo {
+        name: "cable".into(),
+        clamps: vec![clamp.collect()],
+        commanded: vec![None],
+        observations: Observations::Markers(seen.collect()),
+        spec: DemoSpec {
+            rope: RopeSpec {
+                length_m: CABLE_M,
+                mass_kg: 0.441,
+                direction: [0.0, 0.0, -1.0],
+                end_mass_kg: 0.052,
+                ..free.rope
+            },
+            ..free
+        },
+    }
 }
 
 /// Where a rope that hung down is at an arc length, m, if it is straight and turned by so much, rad.
@@ -275,13 +283,7 @@ fn a_heavy_curled_cable_rests_on_finer_grids_where_it_does_on_the_usual_one() {
         let rollout = simulate(&Scene::of_demo(&demo, cells).unwrap(), &physics).unwrap();
         rollout.frames.iter().map(|line| *line.last().unwrap()).collect()
     };
-    let turned_rad = demo.clamps[0].iter().map(|clamp| {
-        let [_, sin, _, cos] = clamp.quaternion_xyzw;
-        2.0 * sin.atan2(cos)
-    });
-    let straight: Vec<[f64; 3]> = turned_rad
-        .map(|turned_rad| straight_m(0.42, turned_rad))
-        .collect();
+    let straight = TURNED_RAD.map(|turned_rad| straight_m(CABLE_M, turned_rad));
     let usual = tips(CELLS);
     for cells in [2.5, 3.0] {
         for ((tip, usual), straight) in tips(cells).into_iter().zip(&usual).zip(&straight) {

@@ -6,10 +6,7 @@ use offline::sim::clamp::PathShift;
 use offline::sim::physics::{ForceField, GRAVITY_M_S2};
 use offline::sim::scene::{Scene, Table};
 use offline::sim::{Rollout, simulate};
-use tests::derivatives::{
-    Everything, RELEASE_M, SOFT, Slope, Tangents, free, lift, random_shift, slope, smooth_particle_effects,
-    soft_rope, swing,
-};
+use tests::derivatives::{Everything, RELEASE_M, SOFT, Slope, Tangents, free, lift, slope, soft_rope, swing};
 
 /// Largest error, as a share of the difference over the frames up to any length.
 const TOLERANCE: f64 = 1e-3;
@@ -55,15 +52,9 @@ fn compare(name: &str, scene: &Scene, family: &Everything, step: f64) {
     assert!(wrong.is_empty(), "{name}: {wrong:?}");
 }
 
-/// Every effect with a smooth law of single particles and a random direction of each path that moves.
+/// Effects and directions of the paths.
 fn everything(scene: &Scene) -> Everything {
-    let moves = |g: &usize| scene.grips[*g].path.knots().len() > 1;
-    let grips = (0..scene.grips.len()).filter(moves);
-    Everything {
-        effects: smooth_particle_effects(),
-        shifts: grips.map(|g| random_shift(scene, g, 30 + g as u64)).collect(),
-        fields: Vec::new(),
-    }
+    Everything::smooth(scene, 30)
 }
 
 #[test]
