@@ -141,6 +141,7 @@ mod tests {
                 offset_m,
                 sigma_m: 0.001,
             }]],
+            most_rows: 1,
             jacobian: DMatrix::zeros(0, 0),
         };
         assert!(misfits(&[&demo], &evaluation(0.02)).is_empty());

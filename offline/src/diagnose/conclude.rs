@@ -205,6 +205,7 @@ pub(super) mod tests {
         let evaluation = Evaluation {
             jacobian: DMatrix::from_element(rows.len(), theta.len(), 1e-3),
             theta,
+            most_rows: rows.len(),
             rows: vec![rows],
         };
         FitResult::at(evaluation, structure)

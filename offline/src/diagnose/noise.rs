@@ -377,6 +377,7 @@ mod tests {
                     })
                     .collect(),
             ],
+            most_rows: FRAMES * STATIONS,
             jacobian: DMatrix::zeros(0, 0),
         };
         let model = Noise {

@@ -2,7 +2,7 @@
 //! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
 use super::broyden::Traced;
-use super::cost::{nominal_rows, normal_equations, total_cost};
+use super::cost::{cost_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::{Correlation, POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
@@ -223,6 +223,11 @@ impl<'a> Descent<'a> {
         }
     }
 
+    /// Evaluation of the best iterate so far.
+    pub fn best(&self) -> &Evaluation {
+        &self.best.evaluation
+    }
+
     /// Cost so far.
     pub fn cost(&self) -> f64 {
         self.cost
@@ -262,7 +267,7 @@ impl<'a> Descent<'a> {
     /// Steps until an end or until the budget is spent.
     fn descend(&mut self, budget: Budget, info: &[ParameterInfo]) {
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
-            let (hessian, gradient) = normal_equations(&self.best.evaluation, info);
+            let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
             let place = (&self.best.evaluation.theta[..], &self.held[..]);
             let step = damped_step((&hessian, &gradient), self.damping, place, info);
             let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
@@ -299,7 +304,7 @@ impl<'a> Descent<'a> {
         (step, predicted): (&DVector<f64>, f64),
         worth: f64,
     ) -> Option<StopReason> {
-        let misfit = (2.0 * self.cost / nominal_rows(&self.best.evaluation)).max(1.0);
+        let misfit = (2.0 * self.cost / self.best.evaluation.most_rows as f64).max(1.0);
         if is_small(step, hessian, misfit) || predicted < SMALL_DECREASE * misfit {
             Some(StopReason::Converged)
         } else if self.damping > MOST_DAMPING {

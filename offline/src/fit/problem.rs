@@ -7,7 +7,7 @@ use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
 use crate::model::{ParameterInfo, Structure};
-use crate::observe::{Centreline, Row, Section, bracket, measure};
+use crate::observe::{Centreline, Row, Section, bracket, measure, most_rows};
 use crate::sim::Track;
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
@@ -86,6 +86,8 @@ pub struct Evaluation {
     pub theta: Vec<f64>,
     /// Measured offsets per demonstration.
     pub rows: Vec<Vec<Row>>,
+    /// How many they would be if the cameras saw every station, whatever θ is.
+    pub most_rows: usize,
     /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents, zero for
     /// what was not asked for.
     pub jacobian: DMatrix<f64>,
@@ -176,6 +178,7 @@ impl<'a> Problem<'a> {
         Ok(Evaluation {
             theta: theta.to_vec(),
             rows,
+            most_rows: self.most_rows(),
             jacobian: DMatrix::zeros(0, 0),
         })
     }
@@ -316,6 +319,7 @@ impl<'a> Problem<'a> {
         Ok(Evaluation {
             theta: theta.to_vec(),
             rows,
+            most_rows: self.most_rows(),
             jacobian,
         })
     }
@@ -454,6 +458,16 @@ impl<'a> Problem<'a> {
             });
         }
         Ok(rows)
+    }
+
+    /// See [`Evaluation::most_rows`].
+    fn most_rows(&self) -> usize {
+        let of_demo = |(d, demo): (usize, &&Demo)| -> usize {
+            let (seen, rests) = (demo.times_s().len(), self.rests(d));
+            let counts = |&frame: &usize| self.frames.contains(frame, seen, rests);
+            (0..seen).filter(counts).map(|frame| most_rows(demo, frame)).sum()
+        };
+        self.demos.iter().enumerate().map(of_demo).sum()
     }
 
     /// Centrelines of the demonstrations at θ, m: per demonstration, frame and slice.

@@ -1,6 +1,6 @@
 //! Fits from one start or several, and the best iterate of all.
 
-use super::cost::robust_cost;
+use super::cost::total_cost;
 use super::descent::{Budget, Descent, FitResult};
 use super::problem::{FitError, Problem};
 use crate::model::Structure;
@@ -47,12 +47,13 @@ pub fn fit_starts(
     starts: Vec<Vec<f64>>,
     options: &FitOptions,
 ) -> Result<FitResult, FitError> {
+    let info = structure.parameters();
     let scored: Vec<_> = starts
         .into_par_iter()
         .map(|theta| {
             let here = problem.settled(structure, &theta)?;
             let residuals = here.residuals(structure, &theta)?;
-            Ok((robust_cost(&residuals), theta, here))
+            Ok((total_cost(&residuals, &info), theta, here))
         })
         .collect();
     let (mut starts, mut failures) = (Vec::new(), Vec::new());

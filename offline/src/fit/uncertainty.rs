@@ -251,6 +251,7 @@ mod tests {
         Evaluation {
             theta: vec![14.0, 0.25],
             rows: vec![(0..1000).map(row).collect()],
+            most_rows: 1000,
             jacobian: DMatrix::from_fn(1000, 2, slopes),
         }
     }

@@ -98,6 +98,7 @@ mod tests {
         let evaluation = Evaluation {
             theta: vec![ln_young, 0.3],
             rows: Vec::new(),
+            most_rows: 0,
             jacobian: DMatrix::zeros(0, 2),
         };
         let of = Profiled {

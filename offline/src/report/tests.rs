@@ -56,6 +56,7 @@ fn evaluation(structure: &Structure, offset_m: f64) -> fit::Evaluation {
     });
     fit::Evaluation {
         theta,
+        most_rows: rows.len(),
         rows: vec![rows],
         jacobian,
     }

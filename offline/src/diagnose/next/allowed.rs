@@ -88,6 +88,7 @@ pub(super) fn transplanted(
     Evaluation {
         theta: wide.theta.clone(),
         rows: fitted.rows.clone(),
+        most_rows: fitted.most_rows,
         jacobian,
     }
 }

@@ -178,6 +178,7 @@ impl Predicted {
         }
         let evaluation = Evaluation {
             theta: Vec::new(),
+            most_rows: rows.len(),
             rows: vec![rows],
             jacobian: DMatrix::zeros(0, 0),
         };
