@@ -54,7 +54,7 @@ pub(super) fn taken_away_mm(before: &ResidualSummary, after: &ResidualSummary) -
 
 /// Share of the excess that so many effects have to explain. Several at once take away a part of anything: they have to
 /// take away most of it.
-fn smallest_share(effects: usize, options: &LoopOptions) -> f64 {
+pub(super) fn smallest_share(effects: usize, options: &LoopOptions) -> f64 {
     if effects > 1 {
         MOST.max(options.smallest_share)
     } else {

@@ -3,7 +3,7 @@
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, given_up, statistical_gates};
+use super::gates::{excess_removed, given_up, smallest_share, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
@@ -151,12 +151,12 @@ impl<'a> Refits<'a> {
         let least = costs.fold(batch.least, f64::min);
         let ended = heats
             .into_par_iter()
-            .map(|(candidate, descent)| (candidate, to_the_end(descent, least)));
+            .map(|(candidate, descent)| (candidate, self.to_the_end(candidate, descent, least)));
         let mut tried: Vec<(&Subset, Tried)> = best_to_rest(ended.collect())
             .into_par_iter()
             .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
             .collect();
-        if !tried.iter().any(|(_, tried)| self.explained(tried)) {
+        if self.starts_are_far(batch) && !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
             tried.par_iter_mut().for_each(|(candidate, tried)| {
                 let better = self.restart_elsewhere(candidate, [tried.cost, least]);
@@ -168,6 +168,13 @@ impl<'a> Refits<'a> {
         tried
     }
 
+    /// Whether refits may have started far from their best. A model that lacks a strong effect is far off in everything,
+    /// and so is a one-step estimate from there; one that has an effect already is nearer, and several effects start where
+    /// refits with fewer of them ended.
+    fn starts_are_far(&self, batch: &Batch) -> bool {
+        self.now.structure.effects.is_empty() && batch.had.is_empty()
+    }
+
     /// Whether a refit passed and leaves nothing to explain: where it was fitted, and hardly anything where held out,
     /// because what looks like the cause in one motion does not in others.
     fn explained(&self, Tried { refit, fitted, .. }: &Tried) -> bool {
@@ -177,22 +184,33 @@ impl<'a> Refits<'a> {
             && excess_removed(&self.now.held, &refit.held_out, numerical_mm) >= NEARLY_ALL_HELD_OUT
     }
 
+    /// Cost of which a refit has to promise to come near: a multiple of the least of its rivals, and one at which its effects
+    /// explain a good part of what they must. Half the share, because the cost of what lies far off grows with the distance,
+    /// what is explained with its square.
+    fn worth(&self, candidate: &Subset, least: f64) -> f64 {
+        let now = &self.now.fitted;
+        let excess = now.cost - 0.5 * now.best.most_rows as f64;
+        let share = smallest_share(candidate.ids.len(), self.options);
+        f64::min(HOPELESS * least, now.cost - 0.5 * share * excess.max(0.0))
+    }
+
     /// The first evaluations of refits; where there are more than [`Batch::go_on`], the others do not get all of them.
     fn heats<'c>(&self, batch: &Batch<'c>) -> Vec<Runner<'c, 'a>> {
         let (candidates, go_on) = (batch.candidates, batch.go_on);
-        let budget = |evaluations| Budget {
+        let budget = |candidate: &Subset, evaluations| Budget {
             evaluations,
-            worth: HOPELESS * batch.least,
+            worth: self.worth(candidate, batch.least),
         };
         let sprint = if candidates.len() > go_on {
-            budget(SPRINT_EVALUATIONS)
+            SPRINT_EVALUATIONS
         } else {
-            budget(HEAT_EVALUATIONS)
+            HEAT_EVALUATIONS
         };
-        let mut runners: Vec<Runner> = candidates
-            .par_iter()
-            .filter_map(|candidate| Some((candidate, self.started(candidate, batch.had, sprint).ok()?)))
-            .collect();
+        let started = |candidate| {
+            let descent = self.started(candidate, batch.had, budget(candidate, sprint));
+            Some((candidate, descent.ok()?))
+        };
+        let mut runners: Vec<Runner> = candidates.par_iter().filter_map(started).collect();
         if candidates.len() <= go_on {
             return runners;
         }
@@ -200,10 +218,21 @@ impl<'a> Refits<'a> {
         let behind = runners.split_off(go_on.min(runners.len()));
         let ahead = runners
             .into_par_iter()
-            .map(|(candidate, descent)| (candidate, descent.run(budget(HEAT_EVALUATIONS))));
+            .map(|(candidate, descent)| (candidate, descent.run(budget(candidate, HEAT_EVALUATIONS))));
         let mut heats: Vec<Runner> = ahead.collect();
         heats.extend(behind);
         heats
+    }
+
+    /// The other evaluations of a refit, where there is hope that they find the least cost.
+    fn to_the_end(&self, candidate: &Subset, descent: Descent<'a>, least: f64) -> Descent<'a> {
+        if descent.cost() > HOPELESS * least {
+            return descent;
+        }
+        descent.run(Budget {
+            evaluations: REFIT_EVALUATIONS,
+            worth: self.worth(candidate, least),
+        })
     }
 
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
@@ -239,8 +268,7 @@ impl<'a> Refits<'a> {
     }
 
     /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
-    /// minimum then. None is tried for a refit that came less than half as far as the best. A model that lacks a strong
-    /// effect is far off in everything, and so is a one-step estimate from there.
+    /// minimum then. None is tried for a refit that came less than half as far as the best.
     fn restart_elsewhere(&self, candidate: &Subset, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
         if cost > HOPELESS * least {
             return None;
@@ -248,7 +276,7 @@ impl<'a> Refits<'a> {
         let next = candidate.added_to(&self.now.structure);
         let budget = Budget {
             evaluations: SECOND_EVALUATIONS,
-            worth: cost,
+            worth: cost.min(self.worth(candidate, least)),
         };
         let others = OTHER_SIZES.par_iter().filter_map(|&size| {
             let theta = candidate.start(&self.own(candidate, 0.0), size);
@@ -256,7 +284,7 @@ impl<'a> Refits<'a> {
             Some(start.ok()?.run(budget))
         });
         let best = others.min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
-        (best.cost() < cost).then(|| best.run(REFIT_EVALUATIONS))
+        (best.cost() < cost).then(|| self.to_the_end(candidate, best, least))
     }
 
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
@@ -283,10 +311,18 @@ impl<'a> Refits<'a> {
         });
     }
 
+    /// Whether a refit explains as much of the excess where fitted as the gates ask for.
+    fn explains_its_share(&self, candidate: &Subset, descent: &Descent) -> bool {
+        let left = ResidualSummary::of(descent.best());
+        let share = smallest_share(candidate.ids.len(), self.options);
+        excess_removed(&self.now.left, &left, 0.0) >= share
+    }
+
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
     fn judge(&self, candidate: &Subset, descent: Descent) -> Option<Tried> {
         let cost = descent.cost();
-        let fitted = if descent.has_had(REFIT_EVALUATIONS) {
+        // Where the prior holds it, a refit explains no more than here.
+        let fitted = if descent.has_had(REFIT_EVALUATIONS) && self.explains_its_share(candidate, &descent) {
             descent.shrunk(SHRINK_EVALUATIONS).finish()
         } else {
             descent.finish()
@@ -356,18 +392,6 @@ fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: 
         .collect()
 }
 
-/// The other evaluations, where there is hope that they find the least cost.
-fn to_the_end(descent: Descent, least: f64) -> Descent {
-    let budget = Budget {
-        evaluations: REFIT_EVALUATIONS,
-        worth: HOPELESS * least,
-    };
-    if descent.cost() > budget.worth {
-        return descent;
-    }
-    descent.run(budget)
-}
-
 /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
 /// valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect did not
 /// explain it.
@@ -423,6 +447,30 @@ mod tests {
         assert!(*cost < 0.1 * before, "{cost} of {before}");
         let found_kg = refit.parameters[0].value;
         assert!((found_kg / tip_mass.values[0] - 1.0).abs() < 0.1, "{found_kg} kg");
+    }
+
+    /// What is not worth following: what explains far too little, two effects that explain what one may, and what leaves
+    /// twice as much as a rival.
+    #[test]
+    fn a_refit_is_followed_towards_a_good_part_of_the_share_that_it_must_explain() {
+        let demos = recorded(&[part("tilted_gravity", 8.0)]);
+        let options = options();
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+        let now = base(&bench);
+        let table = ScoreTable::of(Vec::new());
+        let refits = Refits::new(&bench, &now, &table, &options);
+        let one = Subset::from(&Score::alone("tilted_gravity", 60.0, 80.0));
+        let two = Subset {
+            ids: ["tip_mass", "air_drag"].map(String::from).into(),
+            ..Subset::from(&Score::alone("tip_mass", 60.0, 80.0))
+        };
+        let noise = 0.5 * now.fitted.best.len() as f64;
+        let excess = |cost: f64| (now.fitted.cost - cost) / (now.fitted.cost - noise);
+        let [alone, together] = [&one, &two].map(|candidate| excess(refits.worth(candidate, f64::INFINITY)));
+        assert!(0.1 < alone && alone < options.smallest_share, "{alone}");
+        assert!(alone < together && together < 0.5, "{together}");
+        let rival = 0.3 * now.fitted.cost;
+        assert_eq!(refits.worth(&one, rival), HOPELESS * rival);
     }
 
     /// A rope in a tilted rig with drag in the tilt's place goes to the end of drag's range; what is left hangs together so
