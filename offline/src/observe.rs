@@ -7,7 +7,7 @@
 //! offset δ of that circle's centre is found from |q − δ| = R. Seeing only the front of the rope
 //! hence shifts nothing, and no camera has to be known. Labelled markers give three offsets directly.
 
-use crate::demo::{Demo, MarkerSample, Observations};
+use crate::demo::{Demo, Observations};
 use nalgebra::{Matrix2, Vector2};
 
 /// One measured number: the rope's axis lies `offset_m` from the prediction along `direction`.
@@ -93,47 +93,41 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
             demo.spec.noise_m,
         ),
         Observations::Markers(samples) => {
+            let times = demo.times_s();
             let arcs_m = station_arcs_m(demo);
+            let now = samples.iter().filter(|m| m.t_s == times[frame]);
             let axes = marker_axes(demo);
-            markers_in(demo, samples, frame)
-                .flat_map(|marker| {
-                    let predicted = interpolate(line.points_m, bracket(line.arc_m, marker.s_m));
-                    let station = arcs_m.partition_point(|&s| s < marker.s_m);
-                    axes.iter().map(move |&k| {
-                        let mut direction = [0.0; 3];
-                        direction[k] = 1.0;
-                        Row {
-                            frame,
-                            station,
-                            arc_m: marker.s_m,
-                            position_m: marker.position_m,
-                            direction,
-                            offset_m: marker.position_m[k] - predicted[k],
-                            sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
-                        }
-                    })
+            now.flat_map(|marker| {
+                let predicted = interpolate(line.points_m, bracket(line.arc_m, marker.s_m));
+                let station = arcs_m.partition_point(|&s| s < marker.s_m);
+                axes.iter().map(move |&k| {
+                    let mut direction = [0.0; 3];
+                    direction[k] = 1.0;
+                    Row {
+                        frame,
+                        station,
+                        arc_m: marker.s_m,
+                        position_m: marker.position_m,
+                        direction,
+                        offset_m: marker.position_m[k] - predicted[k],
+                        sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),
+                    }
                 })
-                .collect()
+            })
+            .collect()
         }
     }
 }
 
-/// Rows of one recorded time if every station is seen.
-pub fn most_rows(demo: &Demo, frame: usize) -> usize {
+/// Rows of each recorded time if every station is seen.
+pub fn most_rows(demo: &Demo) -> Vec<usize> {
     match &demo.observations {
-        Observations::Clouds(_) => 2 * STATIONS,
-        Observations::Markers(samples) => markers_in(demo, samples, frame).count() * marker_axes(demo).len(),
+        Observations::Clouds(frames) => vec![2 * STATIONS; frames.len()],
+        Observations::Markers(samples) => {
+            let frames = samples.chunk_by(|a, b| a.t_s == b.t_s);
+            frames.map(|now| now.len() * marker_axes(demo).len()).collect()
+        }
     }
-}
-
-/// The markers that were seen at one recorded time.
-fn markers_in<'a>(
-    demo: &Demo,
-    samples: &'a [MarkerSample],
-    frame: usize,
-) -> impl Iterator<Item = &'a MarkerSample> {
-    let now_s = demo.times_s()[frame];
-    samples.iter().filter(move |marker| marker.t_s == now_s)
 }
 
 /// Along which axes of the world a marker was measured: where the motion is planar, not along y.
@@ -406,11 +400,11 @@ mod tests {
         assert_eq!(stations(0)[3], (0, 0.05));
         assert_eq!(stations(1)[0], (1, 0.15));
         assert_eq!(stations(1)[3], (2, 0.2));
-        assert_eq!([0, 1].map(|frame| most_rows(&demo, frame)), [9, 6]);
+        assert_eq!(most_rows(&demo), [9, 6]);
         demo.spec.planar = true;
         let rows = measure(&demo, 1, &line, Section::default());
         assert!(rows.len() == 4 && rows.iter().all(|r| r.direction[1] == 0.0));
-        assert_eq!(most_rows(&demo, 1), 4);
+        assert_eq!(most_rows(&demo)[1], 4);
     }
 
     /// Half of a rope's surface is seen; the prediction is off by a known vector.

@@ -62,6 +62,15 @@ pub(super) fn smallest_share(effects: usize, options: &LoopOptions) -> f64 {
     }
 }
 
+/// Whether so many effects explain as much of the excess as they have to.
+pub(super) fn explain_their_share(
+    effects: usize,
+    [before, after]: [&ResidualSummary; 2],
+    options: &LoopOptions,
+) -> bool {
+    excess_removed(before, after, 0.0) >= smallest_share(effects, options)
+}
+
 /// Gates that need no further simulation, of a refit in which so many of what was added is free.
 pub(super) fn statistical_gates(
     candidate: &Subset,
@@ -69,14 +78,21 @@ pub(super) fn statistical_gates(
     (refit, free): (&Refit, usize),
     options: &LoopOptions,
 ) -> Vec<Gate> {
-    let smallest_share = smallest_share(candidate.ids.len(), options);
     let (fit_before, held_before) = before;
     let held_gain = 1.0 - refit.held_out.rms_mm / held_before.rms_mm;
     // What moves the rope where fitted counts too: not every cause is at work in the motions that are held out.
     let fit_size = taken_away_mm(fit_before, &refit.fit);
     let held_size = taken_away_mm(held_before, &refit.held_out);
-    let removed = excess_removed(fit_before, &refit.fit, 0.0);
-    let held_removed = excess_removed(held_before, &refit.held_out, 0.0);
+    let explained_share = |name: &str, place: &str, left: [&ResidualSummary; 2]| {
+        Gate::new(
+            name,
+            explain_their_share(candidate.ids.len(), left, options),
+            format!(
+                "{:.0} % of the excess over the noise where {place}",
+                100.0 * excess_removed(left[0], left[1], 0.0)
+            ),
+        )
+    };
     vec![
         significant(candidate, fit_before, &refit.fit),
         Gate::new(
@@ -100,21 +116,11 @@ pub(super) fn statistical_gates(
         ),
         physical_value(candidate.effects(), &refit.parameters),
         off_nothing(free, [fit_before, &refit.fit], [held_before, &refit.held_out]),
-        Gate::new(
-            "explained share",
-            removed >= smallest_share,
-            format!(
-                "{:.0} % of the excess over the noise where fitted",
-                100.0 * removed
-            ),
-        ),
-        Gate::new(
+        explained_share("explained share", "fitted", [fit_before, &refit.fit]),
+        explained_share(
             "explained share, held out",
-            held_removed >= smallest_share,
-            format!(
-                "{:.0} % of the excess over the noise where held out",
-                100.0 * held_removed
-            ),
+            "held out",
+            [held_before, &refit.held_out],
         ),
     ]
 }

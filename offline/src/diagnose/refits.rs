@@ -3,7 +3,7 @@
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, given_up, smallest_share, statistical_gates};
+use super::gates::{excess_removed, explain_their_share, given_up, smallest_share, statistical_gates};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
@@ -314,8 +314,7 @@ impl<'a> Refits<'a> {
     /// Whether a refit explains as much of the excess where fitted as the gates ask for.
     fn explains_its_share(&self, candidate: &Subset, descent: &Descent) -> bool {
         let left = ResidualSummary::of(descent.best());
-        let share = smallest_share(candidate.ids.len(), self.options);
-        excess_removed(&self.now.left, &left, 0.0) >= share
+        explain_their_share(candidate.ids.len(), [&self.now.left, &left], self.options)
     }
 
     /// What became of a refit; nothing where what is held out cannot be simulated with it.

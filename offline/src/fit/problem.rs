@@ -463,9 +463,11 @@ impl<'a> Problem<'a> {
     /// See [`Evaluation::most_rows`].
     fn most_rows(&self) -> usize {
         let of_demo = |(d, demo): (usize, &&Demo)| -> usize {
-            let (seen, rests) = (demo.times_s().len(), self.rests(d));
-            let counts = |&frame: &usize| self.frames.contains(frame, seen, rests);
-            (0..seen).filter(counts).map(|frame| most_rows(demo, frame)).sum()
+            let (per_frame, rests) = (most_rows(demo), self.rests(d));
+            let seen = per_frame.len();
+            let frames = per_frame.into_iter().enumerate();
+            let counts = frames.filter(|(frame, _)| self.frames.contains(*frame, seen, rests));
+            counts.map(|(_, rows)| rows).sum()
         };
         self.demos.iter().enumerate().map(of_demo).sum()
     }
