@@ -98,6 +98,9 @@ impl Choice {
             if refined && self.accepted.is_none() && refit.passed {
                 progress(&format!("checking {name} on a finer grid"));
                 refit.ask(refine(bench, &model, &refit.ids, &now.left)?);
+                for failed in refit.gates.iter().filter(|gate| !gate.passed) {
+                    progress(&format!("not {}: {}", failed.name, failed.detail));
+                }
             }
             if self.accepted.is_none() && refit.passed && refit.ids.len() > 1 {
                 progress(&format!("asking whether {name} are all needed"));
@@ -162,7 +165,8 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
 }
 
 /// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was
-/// extended by; `before` is what was left without them.
+/// extended by; `before` is what was left without them. The prior is as heavy as it was on the fit's grid: damping beside
+/// a lag was held there at half of what the offsets said, and without that prior the finer grid alone said it all.
 fn refine(
     bench: &Bench,
     model: &Standing,
@@ -171,19 +175,19 @@ fn refine(
 ) -> Result<Vec<Gate>, FitError> {
     let (structure, fitted) = (&model.structure, &model.fitted);
     let there = Descent::at(&bench.finer, structure, &fitted.best.theta)?;
-    let fine = there.by_tangents().run(2).finish();
+    let step = there.under(fitted.prior_weight).next_step();
     let all = estimates(&fitted.best, structure);
     let explained_mm = taken_away_mm(before, &model.left);
     let gate = |effect: usize| {
         let spec = &effects::ALL[effect];
         let entries = structure.entries(effect);
         let own = fitted.best.jacobian.columns(entries.start, entries.len());
-        let [coarse, fine] = [&fitted.best, &fine.best].map(|evaluation| {
-            let own = evaluation.theta[entries.clone()].iter().zip(spec.parameters);
-            DVector::from_iterator(entries.len(), own.map(|(t, p)| t - p.vanishes_at))
-        });
+        let size = fitted.best.theta[entries.clone()].iter().zip(spec.parameters);
+        let coarse = DVector::from_iterator(entries.len(), size.map(|(t, p)| t - p.vanishes_at));
+        let change = step.rows(entries.start, entries.len());
+        let fine = &coarse + &change;
         let errors: Vec<f64> = all[entries].iter().map(|e| e.standard_error).collect();
-        let apart = own * (&fine - &coarse);
+        let apart = own * change;
         let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
         refinement_gate(
             spec.id,
@@ -198,7 +202,9 @@ fn refine(
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::conclude::tests::fitted;
+    use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
     use super::*;
+    use crate::bench_diagnosis::reality::part;
     use crate::fit::Correlation;
 
     /// A refit that leaves `held_out_mm` of ten independent offsets.
@@ -238,6 +244,28 @@ pub(super) mod tests {
             cost: fitted.cost,
             fitted,
         }
+    }
+
+    /// Seen on the benchmark: the prior held damping beside a lag at 0.055 s, where the finer grid, asked without it, said
+    /// 0.106 s and damping was no cause.
+    #[test]
+    fn a_finer_grid_is_asked_with_the_prior_that_held_the_estimate() {
+        let demos = recorded(&[part("internal_damping", 200.0), part("gripper_lag", 5.0)]);
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
+        let before = base(&bench);
+        let damping = effects::find("internal_damping").unwrap();
+        let structure = Structure::default().with(damping);
+        let free = Descent::at(&bench.fit, &structure, &[YOUNG_PA.ln(), 0.3, 0.05])
+            .unwrap()
+            .run(24);
+        let free_s = free.best().theta[2];
+        let model = Standing::of(&bench, structure, free.shrunk(8).finish()).unwrap();
+        let held_s = model.fitted.best.theta[2];
+        assert!(held_s < 0.8 * free_s, "{held_s} of {free_s}");
+        let unheld = Descent::at(&bench.finer, &model.structure, &model.fitted.best.theta).unwrap();
+        assert!(unheld.next_step()[2] > 0.2 * held_s, "asked without it");
+        let gates = refine(&bench, &model, &["internal_damping".to_owned()], &before.left).unwrap();
+        assert!(gates.iter().all(|gate| gate.passed), "{gates:?}");
     }
 
     /// Seen on a cable that is bent where it rests: a table that leans by 14 degrees left 4.03 mm, the curl 4.06.

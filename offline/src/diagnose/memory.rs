@@ -30,6 +30,8 @@ pub(super) struct KeptFit {
 pub(super) struct KeptModel {
     effects: Vec<String>,
     theta: Vec<f64>,
+    /// As [`FitResult::prior_weight`].
+    prior_weight: f64,
     rivals: Vec<Vec<String>>,
 }
 
@@ -60,6 +62,7 @@ impl KeptModel {
         Self {
             effects: standing.structure.ids(),
             theta: standing.fitted.best.theta.clone(),
+            prior_weight: standing.fitted.prior_weight,
             rivals: standing.rivals.clone(),
         }
     }
@@ -67,7 +70,10 @@ impl KeptModel {
     /// The same model, evaluated once more.
     pub(super) fn again(&self, bench: &Bench) -> Result<Standing, FitError> {
         let structure = Structure::of_ids(&self.effects);
-        let fitted = bench.again(&structure, &self.theta)?;
+        let fitted = FitResult {
+            prior_weight: self.prior_weight,
+            ..bench.again(&structure, &self.theta)?
+        };
         Ok(Standing {
             rivals: self.rivals.clone(),
             ..Standing::of(bench, structure, fitted)?

@@ -6,7 +6,7 @@ use super::refits::REFIT_EVALUATIONS;
 use super::round::{Refit, Round};
 use super::rounds::Bench;
 use crate::effects;
-use crate::fit::{FitError, estimates, fit_from, fit_from_first};
+use crate::fit::{Descent, FitError, FitResult, estimates};
 use crate::model::Structure;
 
 /// A model that was just extended, without those of its earlier effects that it needs no more, and their names: what an
@@ -61,7 +61,8 @@ fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
     let mut theta = model.fitted.best.theta.clone();
     theta.drain(model.structure.entries(effect));
     let structure = model.structure.without(effect);
-    let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).ok()?;
+    let start = Descent::at(&bench.fit, &structure, &theta).ok()?;
+    let fitted = refitted(start, model);
     let without = Standing::of(bench, structure, fitted).ok()?;
     let free = bench
         .fit
@@ -69,6 +70,12 @@ fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
     let worse = needs(free, [&without, model]);
     let values = estimates(&without.fitted.best, &without.structure);
     (within_ranges(&without.structure, &values) && !worse).then_some(without)
+}
+
+/// Where a fit ends that is compared with a model: with the prior as heavy as in the model's own.
+fn refitted(start: Descent, model: &Standing) -> FitResult {
+    let start = start.under(model.fitted.prior_weight);
+    start.run(REFIT_EVALUATIONS).finish()
 }
 
 /// The model that a loop ended with, fitted again where refits with one more effect came upon a better fit of it: along
@@ -85,13 +92,8 @@ pub(super) fn better(
         return Ok(last);
     }
     progress("asking whether the model fits better where refits left less");
-    let again = fit_from_first(
-        &bench.fit,
-        &last.structure,
-        starts,
-        last.fitted.cost,
-        REFIT_EVALUATIONS,
-    );
+    let start = Descent::at_first(&bench.fit, &last.structure, starts, last.fitted.cost);
+    let again = start.map(|start| refitted(start, &last));
     let Some(again) = again.ok().filter(|again| again.cost < last.fitted.cost) else {
         return Ok(last);
     };
@@ -131,7 +133,7 @@ pub(super) mod tests {
     use crate::bench_diagnosis::reality::{Finer, Part, Reality, part};
     use crate::demo::Demo;
     use crate::diagnose::{LoopOptions, ScoreTable};
-    use crate::fit::Resolution;
+    use crate::fit::{Resolution, fit_from};
     use crate::residual::ResidualSummary;
     use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 

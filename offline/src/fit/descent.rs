@@ -52,6 +52,9 @@ pub struct FitResult {
     pub stop: StopReason,
     /// Number of simulations with tangents, and of steps that were not taken.
     pub evaluations: usize,
+    /// How many times narrower than it is the prior was where the descent ended: one, or more where it was
+    /// [`Descent::shrunk`].
+    pub prior_weight: f64,
     /// ln E where each followed start ended, and its cost.
     pub ends: Vec<(f64, f64)>,
 }
@@ -66,6 +69,7 @@ impl FitResult {
             best: evaluation,
             stop: StopReason::Converged,
             evaluations: 1,
+            prior_weight: 1.0,
         }
     }
 }
@@ -95,7 +99,7 @@ const LITTLE_DAMPING: f64 = 0.01;
 /// Share of what a step promised by which it may fall short or exceed it for its slopes to be corrected by it; else they
 /// are found anew.
 const FAITHFUL: f64 = 0.5;
-/// As [`Descent::most_corrections`] where nothing else is said.
+/// Most steps in a row after which slopes are corrected.
 const MOST_CORRECTIONS: usize = 3;
 
 /// How the slopes at a descent's best iterate were found.
@@ -127,8 +131,8 @@ pub struct Descent<'a> {
     /// Entries of θ that stay where they are.
     held: Vec<bool>,
     slopes: Slopes,
-    /// Most steps in a row after which slopes are corrected.
-    most_corrections: usize,
+    /// As [`FitResult::prior_weight`].
+    prior_weight: f64,
 }
 
 impl<'a> Descent<'a> {
@@ -202,16 +206,8 @@ impl<'a> Descent<'a> {
             damping: FIRST_DAMPING,
             growth: FIRST_GROWTH,
             slopes: Slopes::Whole,
-            most_corrections: MOST_CORRECTIONS,
+            prior_weight: 1.0,
         })
-    }
-
-    /// The same with slopes from tangents after every step, so that every step counts.
-    pub fn by_tangents(self) -> Self {
-        Self {
-            most_corrections: 0,
-            ..self
-        }
     }
 
     /// Whether it came to rest, or had as many evaluations as this without.
@@ -240,7 +236,7 @@ impl<'a> Descent<'a> {
             self.complete();
             self.held = not_told(&self.here, &self.structure, &self.best.evaluation);
         }
-        self.descend(budget.into(), &self.structure.parameters());
+        self.descend(budget.into());
         self
     }
 
@@ -252,20 +248,44 @@ impl<'a> Descent<'a> {
     pub fn shrunk(mut self, evaluations: usize) -> Self {
         self.complete();
         let heavier = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
-        let mut info = self.structure.parameters();
-        info.iter_mut().for_each(|p| p.prior_sd /= heavier);
         let end = self.stop;
         (self.damping, self.growth) = (FIRST_DAMPING, FIRST_GROWTH);
         self.stop = StopReason::BudgetSpent;
-        self.cost = total_cost(&self.best.evaluation, &info);
-        self.descend(Budget::from(self.evaluations + evaluations), &info);
-        self.stop = end;
-        self.cost = total_cost(&self.best.evaluation, &self.structure.parameters());
-        self
+        let budget = self.evaluations + evaluations;
+        Self {
+            stop: end,
+            ..self.under(heavier).run(budget)
+        }
+    }
+
+    /// The same with a prior that is so many times narrower than it is, which its cost then counts; the cost of a
+    /// [`FitResult`] never does.
+    pub fn under(self, prior_weight: f64) -> Self {
+        let mut under = Self { prior_weight, ..self };
+        under.cost = total_cost(&under.best.evaluation, &under.info());
+        under
+    }
+
+    /// The step that it would try first from where it is.
+    pub fn next_step(&self) -> DVector<f64> {
+        let info = self.info();
+        let (hessian, gradient) = cost_equations(&self.best.evaluation, &info);
+        let place = (&self.best.evaluation.theta[..], &self.held[..]);
+        damped_step((&hessian, &gradient), self.damping, place, &info)
+    }
+
+    /// The parameters with the prior as the descent takes it.
+    fn info(&self) -> Vec<ParameterInfo> {
+        let narrower = |mut p: ParameterInfo| {
+            p.prior_sd /= self.prior_weight;
+            p
+        };
+        self.structure.parameters().into_iter().map(narrower).collect()
     }
 
     /// Steps until an end or until the budget is spent.
-    fn descend(&mut self, budget: Budget, info: &[ParameterInfo]) {
+    fn descend(&mut self, budget: Budget) {
+        let info = &self.info();
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
             let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
             let place = (&self.best.evaluation.theta[..], &self.held[..]);
@@ -346,7 +366,7 @@ impl<'a> Descent<'a> {
             Slopes::Whole | Slopes::Free => 1,
         };
         let mut slopes = Slopes::Corrected(corrections);
-        if (gain - 1.0).abs() > FAITHFUL || corrections > self.most_corrections {
+        if (gain - 1.0).abs() > FAITHFUL || corrections > MOST_CORRECTIONS {
             let Ok(found) = there.traced(&self.structure, &trial, &self.held) else {
                 return false;
             };
@@ -402,12 +422,14 @@ impl<'a> Descent<'a> {
     /// The best iterate; once a step was taken, its slopes may be corrected ones, and zero for what is held.
     pub(super) fn into_result(self) -> FitResult {
         let best = self.best.evaluation;
+        let cost = total_cost(&best, &self.structure.parameters());
         FitResult {
-            ends: vec![(best.theta[0], self.cost)],
+            ends: vec![(best.theta[0], cost)],
             best,
-            cost: self.cost,
+            cost,
             stop: self.stop,
             evaluations: self.evaluations,
+            prior_weight: self.prior_weight,
         }
     }
 }

@@ -20,7 +20,7 @@ pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use share::FrameShare;
-pub use solver::{FitOptions, fit, fit_from, fit_from_first, fit_starts};
+pub use solver::{FitOptions, fit, fit_from, fit_starts};
 pub use uncertainty::{
     Correlation, STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by,
 };

@@ -109,19 +109,3 @@ pub fn fit_from(
 ) -> Result<FitResult, FitError> {
     Ok(Descent::at(problem, structure, &theta)?.run(budget).finish())
 }
-
-/// Descends from the first of some starts that costs less than `below`, or from the best of them where none does; returns
-/// the best iterate.
-///
-/// # Errors
-/// No start can be simulated, or too little was measured there.
-pub fn fit_from_first(
-    problem: &Problem,
-    structure: &Structure,
-    starts: impl IntoIterator<Item = Vec<f64>>,
-    below: f64,
-    budget: impl Into<Budget>,
-) -> Result<FitResult, FitError> {
-    let start = Descent::at_first(problem, structure, starts, below)?;
-    Ok(start.run(budget).finish())
-}
