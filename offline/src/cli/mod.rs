@@ -131,7 +131,8 @@ struct RunArguments {
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
     /// Also find 95 % intervals by profile likelihood: up to sixteen fits for every parameter. A standard error is the
-    /// same on both sides; a rope may answer less to more of something than to less of it.
+    /// same on both sides; a rope may answer less to more of something than to less of it. What a fit took to the end of
+    /// its range gets one unasked.
     #[arg(long)]
     profile: bool,
     /// Folder of the run; `runs/<name>` by default.

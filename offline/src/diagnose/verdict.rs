@@ -86,6 +86,9 @@ impl fmt::Display for Verdict {
                         "; {} = {:.4} ± {:.4} {}",
                         p.name, p.value, p.standard_error, p.unit
                     )?;
+                    if !p.identified {
+                        f.write_str(" (not identified)")?;
+                    }
                 }
                 Ok(())
             }
@@ -107,5 +110,29 @@ impl fmt::Display for Verdict {
             }
             Self::Unexplained { hint } => write!(f, "unexplained: {hint}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_that_the_data_do_not_tell_is_said_to_be_none() {
+        let parameter = |name: &str, identified| Estimate {
+            name: name.into(),
+            unit: "kg".into(),
+            value: 0.5,
+            standard_error: 0.35,
+            identified,
+        };
+        let verdict = Verdict::Explained {
+            effects: vec!["tip_mass".into()],
+            parameters: vec![parameter("told", true), parameter("open", false)],
+        };
+        assert_eq!(
+            verdict.to_string(),
+            "explained: tip_mass; told = 0.5000 ± 0.3500 kg; open = 0.5000 ± 0.3500 kg (not identified)"
+        );
     }
 }

@@ -16,7 +16,7 @@ mod uncertainty;
 pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
-pub use profile::{LEVEL, Profile, profiles};
+pub use profile::{LEVEL, Profile, at_an_end, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::flows;
 pub use share::FrameShare;

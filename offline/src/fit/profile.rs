@@ -46,15 +46,26 @@ pub struct Profile {
     pub better_elsewhere: bool,
 }
 
-/// Profiles of all parameters that the data may tell, the simulation's own error, `grid_shift` as one standard error
-/// of each entry of θ, added to them.
+/// Entries of θ that a fit took to the end of their range: what is there may be more, and how much at least a profile
+/// says. Where an effect vanishes is no such end.
+pub fn at_an_end(structure: &Structure, theta: &[f64]) -> Vec<usize> {
+    let entries = structure.parameters().into_iter().zip(theta).enumerate();
+    let ends = entries.filter(|(_, (p, value))| {
+        let inside = p.low < **value && **value < p.high;
+        !inside && **value != p.prior_mean
+    });
+    ends.map(|(k, _)| k).collect()
+}
+
+/// Profiles of those `asked` entries of θ that the data may tell, the simulation's own error, `grid_shift` as one
+/// standard error of each entry of θ, added to them.
 ///
 /// # Errors
 /// The fit itself cannot be simulated.
 pub fn profiles(
     problem: &Problem,
-    structure: &Structure,
-    fitted: &FitResult,
+    (structure, fitted): (&Structure, &FitResult),
+    asked: &[usize],
     (estimates, grid_shift): (&[Estimate], &[f64]),
 ) -> Result<Vec<Profile>, FitError> {
     // What was found on another way to rest would be compared with what is found from here.
@@ -68,13 +79,13 @@ pub fn profiles(
         structure,
         best,
     };
-    let asked: Vec<usize> = (0..search.held.len()).filter(|&k| !search.held[k]).collect();
+    let told: Vec<usize> = asked.iter().copied().filter(|&k| !search.held[k]).collect();
     let profile = |&k: &usize| {
         let systematic = QUANTILE * grid_shift[k].hypot(information.ratio_shift[k]);
         let [low, high] = [-1.0, 1.0].map(|side| (k, side));
         let (low, high) = rayon::join(|| search.end(low), || search.end(high));
         let value = fitted.best.theta[k];
-        let told = |end: &End, side: f64| {
+        let end = |end: &End, side: f64| {
             let at = value + side * (end.distance?).hypot(systematic);
             let physical = at > search.info[k].low && at < search.info[k].high;
             physical.then(|| if k == 0 { at.exp() } else { at })
@@ -83,12 +94,12 @@ pub fn profiles(
             name: estimates[k].name.clone(),
             unit: estimates[k].unit.clone(),
             value: estimates[k].value,
-            low: told(&low, -1.0),
-            high: told(&high, 1.0),
+            low: end(&low, -1.0),
+            high: end(&high, 1.0),
             better_elsewhere: low.better || high.better,
         }
     };
-    Ok(asked.par_iter().map(profile).collect())
+    Ok(told.par_iter().map(profile).collect())
 }
 
 impl Profile {
@@ -270,6 +281,24 @@ fn likelihood_ratio(best: &Evaluation, other: &Evaluation) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A mass at the end of its range, beside gravity that leans nowhere in one direction.
+    #[test]
+    fn what_is_nothing_is_at_no_end_of_its_range() {
+        let ids = ["tip_mass", "tilted_gravity"].map(String::from);
+        let structure = Structure::of_ids(&ids);
+        let info = structure.parameters();
+        let theta = |mass_kg| [14.0, 0.3, mass_kg, 0.0, 0.01];
+        assert_eq!(at_an_end(&structure, &theta(info[2].high)), [2]);
+        assert_eq!(
+            at_an_end(&structure, &theta(0.5 * info[2].high)),
+            [] as [usize; 0]
+        );
+        assert_eq!(
+            at_an_end(&structure, &theta(info[2].prior_mean)),
+            [] as [usize; 0]
+        );
+    }
 
     #[test]
     fn an_interval_says_where_it_ends_and_where_it_does_not() {

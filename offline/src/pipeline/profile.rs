@@ -1,8 +1,9 @@
-//! Intervals by profile likelihood, on request, in `profile.json` and `base_profile.json`.
+//! Intervals by profile likelihood in `profile.json` and `base_profile.json`: of every parameter on request, else of those
+//! that a fit took to the end of their range.
 
 use super::settings::{Inputs, RunSettings};
 use crate::diagnose::{LoopOptions, problems};
-use crate::fit::{FitResult, Profile, profiles};
+use crate::fit::{FitResult, Profile, at_an_end, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,8 @@ struct ProfileFile {
     effects: Vec<String>,
     /// θ of the fit.
     theta: Vec<f64>,
+    /// Whether every parameter was asked for.
+    whole: bool,
     profiles: Vec<Profile>,
 }
 
@@ -33,7 +36,8 @@ pub struct Profiled<'a> {
     pub noise_scale: Option<f64>,
 }
 
-/// The intervals of a fit: those that an earlier run has found, else new ones where they are `asked` for.
+/// The intervals of a fit: those that an earlier run has found, else new ones. Where they are not `asked` for, only of
+/// what is at the end of its range: of that an estimate says nothing but that it may be more.
 ///
 /// # Errors
 /// The model cannot be simulated, or a file cannot be written.
@@ -48,32 +52,49 @@ pub fn profile(
         key: inputs.key(settings),
         effects: of.structure.ids(),
         theta: of.fitted.best.theta.clone(),
+        whole: asked,
         profiles: Vec::new(),
     };
-    if let Some(earlier) = kept::<ProfileFile>(file).filter(|earlier| earlier.is_of(&wanted)) {
+    if let Some(earlier) = kept::<ProfileFile>(file).filter(|earlier| earlier.tells(&wanted)) {
         return Ok(earlier.profiles);
     }
-    if !asked {
+    let entries = if asked {
+        (0..wanted.theta.len()).collect()
+    } else {
+        at_an_end(of.structure, &wanted.theta)
+    };
+    if entries.is_empty() {
         return Ok(Vec::new());
     }
-    progress("following each parameter away from its best value: profile likelihood");
+    progress(if asked {
+        "following each parameter away from its best value: profile likelihood"
+    } else {
+        "following what is at the end of its range back, to what it is at least: profile likelihood"
+    });
     let (demos, held_out) = inputs.members();
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let (mut problem, _) = problems(&demos, &held_out, &options)?;
     problem.noise_scale = of.noise_scale.unwrap_or(1.0);
-    let found = profiles(&problem, of.structure, of.fitted, (of.estimates, of.grid_shift))?;
-    let whole = ProfileFile {
-        profiles: found,
+    let found = ProfileFile {
+        profiles: profiles(
+            &problem,
+            (of.structure, of.fitted),
+            &entries,
+            (of.estimates, of.grid_shift),
+        )?,
         ..wanted
     };
-    write_whole(file, &serde_json::to_vec_pretty(&whole)?)?;
-    Ok(whole.profiles)
+    write_whole(file, &serde_json::to_vec_pretty(&found)?)?;
+    Ok(found.profiles)
 }
 
 impl ProfileFile {
-    /// Whether both are of the same fit to the same data.
-    fn is_of(&self, other: &Self) -> bool {
-        self.key == other.key && self.effects == other.effects && self.theta == other.theta
+    /// Whether it tells as much of the same fit to the same data.
+    fn tells(&self, wanted: &Self) -> bool {
+        self.whole >= wanted.whole
+            && self.key == wanted.key
+            && self.effects == wanted.effects
+            && self.theta == wanted.theta
     }
 }
 
@@ -113,6 +134,7 @@ mod tests {
             key: inputs.key(&settings),
             effects: Vec::new(),
             theta: vec![14.0, 0.3],
+            whole: true,
             profiles: vec![Profile {
                 name: "young_pa".into(),
                 unit: "Pa".into(),
@@ -126,6 +148,19 @@ mod tests {
             write_whole(file, &serde_json::to_vec(&wanted).unwrap()).unwrap();
         }
         profile(&inputs, &settings, file, (&of, false), &|_| ()).unwrap()
+    }
+
+    #[test]
+    fn some_intervals_do_not_stand_for_all() {
+        let of = |whole| ProfileFile {
+            key: 1,
+            effects: Vec::new(),
+            theta: vec![14.0, 0.3],
+            whole,
+            profiles: Vec::new(),
+        };
+        assert!(of(true).tells(&of(false)) && of(false).tells(&of(false)));
+        assert!(!of(false).tells(&of(true)));
     }
 
     #[test]
