@@ -185,7 +185,7 @@ fn refine(
         let size = fitted.best.theta[entries.clone()].iter().zip(spec.parameters);
         let coarse = DVector::from_iterator(entries.len(), size.map(|(t, p)| t - p.vanishes_at));
         let change = step.rows(entries.start, entries.len());
-        let fine = &coarse + &change;
+        let fine = &coarse + change;
         let errors: Vec<f64> = all[entries].iter().map(|e| e.standard_error).collect();
         let apart = own * change;
         let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();

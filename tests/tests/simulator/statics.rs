@@ -5,9 +5,7 @@ use offline::demo::{
     ClampSample, ClampSpec, Demo, DemoSpec, FORMAT, MarkerSample, Observations, RopeEnd, RopeSpec, SceneKind,
     StartState,
 };
-use offline::fit::{
-    FitOptions, Problem, Profile, Resolution, estimates, fit, fit_from, fit_from_first, profiles,
-};
+use offline::fit::{Descent, FitOptions, Problem, Profile, Resolution, estimates, fit, fit_from, profiles};
 use offline::model::Structure;
 use offline::observe::bracket;
 use offline::sim::scene::Settling;
@@ -408,7 +406,8 @@ fn profiled(demo: &Demo, structure: &Structure, theta: Vec<f64>) -> Vec<(Profile
     let fitted = fit_from(&problem, structure, theta, 12).unwrap();
     let all = estimates(&fitted.best, structure);
     let nowhere = vec![0.0; all.len()];
-    let found = profiles(&problem, structure, &fitted, (&all, &nowhere)).unwrap();
+    let asked: Vec<usize> = (0..all.len()).collect();
+    let found = profiles(&problem, (structure, &fitted), &asked, (&all, &nowhere)).unwrap();
     let with_error = |profile: Profile| {
         let estimate = all.iter().find(|e| e.name == profile.name).unwrap();
         println!(
@@ -477,10 +476,10 @@ fn a_start_that_cannot_be_simulated_or_is_worse_than_nothing_gives_way_to_the_ne
     let problem = Problem::new(&[&demo], Resolution { cells: CELLS }).unwrap();
     let first_of = |young_pa: &[f64], below: f64| {
         let starts = young_pa.iter().map(|young_pa| vec![young_pa.ln(), 0.3]);
-        fit_from_first(&problem, &Structure::default(), starts, below, 1)
+        Descent::at_first(&problem, &Structure::default(), starts, below)
     };
     let (none, far, near) = (1e-2, 4.0 * CABLE.young_pa, CABLE.young_pa);
-    let chosen = |below: f64| first_of(&[none, far, near], below).unwrap().best.theta[0].exp();
+    let chosen = |below: f64| first_of(&[none, far, near], below).unwrap().best().theta[0].exp();
     let is = |young_pa: f64, wanted: f64| (young_pa / wanted - 1.0).abs() < 1e-9;
     assert!(is(chosen(f64::INFINITY), far), "the first that can be simulated");
     assert!(is(chosen(0.0), near), "the best where none is good enough");
