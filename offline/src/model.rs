@@ -28,6 +28,18 @@ pub struct ParameterInfo {
     pub sideways: bool,
 }
 
+impl ParameterInfo {
+    /// Whether an entry of θ lies inside the range.
+    pub fn holds(&self, value: f64) -> bool {
+        self.low < value && value < self.high
+    }
+
+    /// Whether an entry of θ is at an end of the range, or beyond. Where an effect vanishes is no such end.
+    pub fn ends_at(&self, value: f64) -> bool {
+        !self.holds(value) && value != self.prior_mean
+    }
+}
+
 /// Young's moduli that the program admits, Pa: from ten times below the paper's range to stiff cables
 /// (measured ones of `pac_cables` lie at 15 to 50 MPa).
 pub const YOUNG_RANGE_PA: [f64; 2] = [2.0e4, 2.0e8];

@@ -83,9 +83,12 @@ fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
 }
 
 /// Effects that reverse mode knows and that have slopes everywhere: their laws act on one particle at a
-/// time and forget, and none of them is a jump in time.
+/// time and forget, none of them is a jump in time, and the rope need not hang.
 fn smooth_particle_effects() -> Vec<usize> {
-    effects_where(|p| !p.changes_material() && p.observation_laws.is_empty() && p.release_delay_s == 0.0)
+    effects_where(|p| {
+        let elsewhere = p.changes_material() || !p.observation_laws.is_empty();
+        !elsewhere && p.release_delay_s == 0.0 && p.grip_angle_rad.is_none()
+    })
 }
 
 /// Entries of θ before the effects'.

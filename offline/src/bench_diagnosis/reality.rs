@@ -3,6 +3,7 @@
 use super::experiment::{Motion, Track, marker_arcs_m};
 use crate::demo::Demo;
 use crate::effects;
+use crate::fit::turns_in_grip;
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate};
 use crate::sim::rope::Sampling;
@@ -125,8 +126,12 @@ impl Reality for Finer {
         "g2"
     }
 
+    /// All but what a rope that lies straight at first does not show.
     fn effects(&self) -> Vec<&'static str> {
-        effects::ALL.iter().map(|spec| spec.id).collect()
+        let all = effects::ALL.iter().enumerate();
+        all.filter(|(effect, _)| !turns_in_grip(*effect))
+            .map(|(_, spec)| spec.id)
+            .collect()
     }
 
     fn outside(&self) -> Vec<(&'static str, f64)> {

@@ -259,7 +259,7 @@ pub(super) mod tests {
             .unwrap()
             .run(24);
         let free_s = free.best().theta[2];
-        let model = Standing::of(&bench, structure, free.shrunk(8).finish()).unwrap();
+        let model = Standing::of(&bench, structure, free.shrunk(8, f64::INFINITY).finish()).unwrap();
         let held_s = model.fitted.best.theta[2];
         assert!(held_s < 0.8 * free_s, "{held_s} of {free_s}");
         let unheld = Descent::at(&bench.finer, &model.structure, &model.fitted.best.theta).unwrap();

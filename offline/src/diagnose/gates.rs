@@ -4,8 +4,8 @@ use super::choice::Standing;
 use super::round::Refit;
 use super::rounds::LoopOptions;
 use super::score::Subset;
-use crate::effects::{self, EffectSpec, ParameterSpec};
-use crate::model::{Estimate, Structure};
+use crate::effects::{self, EffectSpec};
+use crate::model::{Estimate, Structure, effect_parameters};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
 
@@ -160,12 +160,8 @@ pub(super) fn within_ranges(structure: &Structure, all: &[Estimate]) -> bool {
 /// The values must lie inside their physical ranges.
 fn physical_value(effects: impl Iterator<Item = usize>, estimates: &[Estimate]) -> Gate {
     // A parameter may stay where it vanishes: another parameter then carries the effect.
-    let within =
-        |p: &ParameterSpec, e: &Estimate| (e.value > p.low && e.value < p.high) || e.value == p.vanishes_at;
-    let mut parameters = effects
-        .flat_map(|effect| effects::ALL[effect].parameters)
-        .zip(estimates);
-    let inside = parameters.all(|(p, e)| within(p, e));
+    let mut parameters = effects.flat_map(effect_parameters).zip(estimates);
+    let inside = parameters.all(|(p, e)| !p.ends_at(e.value));
     let told = if inside {
         "inside its physical range"
     } else {

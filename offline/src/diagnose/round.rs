@@ -133,9 +133,13 @@ fn score(
     theta: &[f64],
     options: &LoopOptions,
 ) -> Result<(ScoreTable, Library), FitError> {
-    let (asked, on_the_way): (Vec<usize>, Vec<usize>) = options
-        .missing(structure)
-        .partition(|&index| bench.fit.knows(index));
+    let (mut asked, mut untold) = (Vec::new(), Vec::new());
+    for effect in options.missing(structure) {
+        match bench.fit.untold(effect) {
+            None => asked.push(effect),
+            Some(why) => untold.push((effect, why.to_owned())),
+        }
+    }
     let (library, difference) = rayon::join(
         || bench.fit.library(structure, theta, &asked),
         || grid_errors([&bench.fit, &bench.finer], structure, theta),
@@ -147,14 +151,8 @@ fn score(
     let nuisances = options.without != Some(Part::Nuisances);
     let problem = ScoreProblem::new(evaluation, &library.structure, structure, &bench.noise, nuisances);
     let mut table = problem.table(&errors, &sigmas, options.seed);
-    table.untested = on_the_way
+    table.untested = untold
         .into_iter()
-        .map(|effect| {
-            (
-                effect,
-                "where a rope hangs that gives way depends on how it got there".to_owned(),
-            )
-        })
         .chain(
             library
                 .failed

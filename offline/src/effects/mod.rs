@@ -29,7 +29,7 @@
 //! | the mass | `mass_laws` | masses of the particles |
 //! | where a grip is | `path_laws` | real pose minus recorded pose |
 //! | what is seen | `observation_laws` | shift of the clock, displacement of a point |
-//! | a coefficient | none: it changes gravity, friction or the release delay in place | |
+//! | a coefficient | none: it changes gravity, friction, the release delay or the grip's angle in place | |
 //!
 //! Where the slope at the vanishing value is none or useless, the parameter says so ([`Slope`]), and fit
 //! and score take a secant of the smallest size of interest. The laws that every effect must obey
@@ -43,6 +43,7 @@ mod clamp_compliance;
 mod clock_offset;
 mod curvature_gradient;
 mod density_gradient;
+mod grip_angle;
 mod gripper_lag;
 mod internal_damping;
 mod release_delay;
@@ -161,7 +162,8 @@ registry!(
     clock_offset,
     release_delay,
     camera_offset,
-    clamp_compliance
+    clamp_compliance,
+    grip_angle
 );
 
 /// Index of the effect with name `id`.

@@ -9,6 +9,7 @@ use crate::model::Structure;
 use rayon::prelude::*;
 
 /// Residual and slopes at one θ, with the predictions that they are of.
+#[derive(Clone)]
 pub(super) struct Traced {
     /// Residual and Jacobian.
     pub(super) evaluation: Evaluation,

@@ -102,6 +102,9 @@ const FAITHFUL: f64 = 0.5;
 /// Most steps in a row after which slopes are corrected.
 const MOST_CORRECTIONS: usize = 3;
 
+/// Roots of the heaviest prior that are tried where that takes too much away: see [`Descent::shrunk`].
+const PRIOR_ROOTS: [f64; 3] = [1.0, 2.0, 4.0];
+
 /// How the slopes at a descent's best iterate were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slopes {
@@ -116,6 +119,7 @@ enum Slopes {
 /// A descent, which can go on where its budget was spent. Its steps have slopes only for the entries of θ that are free:
 /// those that are held take as much time as others. Tangents take two to eight times as long as the prediction itself:
 /// where a step kept what it promised its slopes are corrected by what it did. A descent never ends by corrected slopes.
+#[derive(Clone)]
 pub struct Descent<'a> {
     /// Settled at the best θ.
     here: Problem<'a>,
@@ -245,17 +249,48 @@ impl<'a> Descent<'a> {
     /// a valley that the data hardly tell, as of a cable's stiffness and the mass at its end, the best of offsets that
     /// were independent is often the end of a range; with the prior as heavy against them as it is in the standard
     /// error, it is a value that the error goes with. Where noise is all that is left nothing changes.
-    pub fn shrunk(mut self, evaluations: usize) -> Self {
+    ///
+    /// What makes offsets hang together may be something else that the model lacks, and a prior as heavy as all of that
+    /// takes what was explained away: the damping of a foam rod lost half of what it had taken away. So it becomes no
+    /// heavier than leaves the cost, without its change, at `most_cost`.
+    pub fn shrunk(mut self, evaluations: usize, most_cost: f64) -> Self {
         self.complete();
-        let heavier = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
+        let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
+        for root in PRIOR_ROOTS {
+            let under = self.clone().under(heaviest.powf(1.0 / root));
+            if under.promised_cost() > most_cost {
+                continue;
+            }
+            let there = under.again(evaluations);
+            if there.own_cost() <= most_cost {
+                return there;
+            }
+        }
+        self
+    }
+
+    /// Goes on as if it had just begun; what ended it stays its end.
+    fn again(mut self, evaluations: usize) -> Self {
         let end = self.stop;
         (self.damping, self.growth) = (FIRST_DAMPING, FIRST_GROWTH);
         self.stop = StopReason::BudgetSpent;
         let budget = self.evaluations + evaluations;
         Self {
             stop: end,
-            ..self.under(heavier).run(budget)
+            ..self.run(budget)
         }
+    }
+
+    /// Cost at the best iterate so far, whatever the weight of the prior.
+    fn own_cost(&self) -> f64 {
+        total_cost(&self.best.evaluation, &self.structure.parameters())
+    }
+
+    /// The same where the next step leads, to second order.
+    fn promised_cost(&self) -> f64 {
+        let (hessian, gradient) = cost_equations(&self.best.evaluation, &self.structure.parameters());
+        let step = self.next_step();
+        self.own_cost() + gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step)
     }
 
     /// The same with a prior that is so many times narrower than it is, which its cost then counts; the cost of a
@@ -268,10 +303,16 @@ impl<'a> Descent<'a> {
 
     /// The step that it would try first from where it is.
     pub fn next_step(&self) -> DVector<f64> {
-        let info = self.info();
-        let (hessian, gradient) = cost_equations(&self.best.evaluation, &info);
+        self.step(&self.info()).0
+    }
+
+    /// That step, what it promises, and the Hessian.
+    fn step(&self, info: &[ParameterInfo]) -> (DVector<f64>, f64, DMatrix<f64>) {
+        let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
         let place = (&self.best.evaluation.theta[..], &self.held[..]);
-        damped_step((&hessian, &gradient), self.damping, place, &info)
+        let step = damped_step((&hessian, &gradient), self.damping, place, info);
+        let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
+        (step, predicted, hessian)
     }
 
     /// The parameters with the prior as the descent takes it.
@@ -287,10 +328,7 @@ impl<'a> Descent<'a> {
     fn descend(&mut self, budget: Budget) {
         let info = &self.info();
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
-            let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
-            let place = (&self.best.evaluation.theta[..], &self.held[..]);
-            let step = damped_step((&hessian, &gradient), self.damping, place, info);
-            let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
+            let (step, predicted, hessian) = self.step(info);
             let end = self.ends(&hessian, (&step, predicted), budget.worth);
             if end.is_none() && self.accepts((&step, predicted), &hessian, info) {
                 self.growth = FIRST_GROWTH;

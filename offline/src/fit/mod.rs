@@ -18,7 +18,7 @@ pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, at_an_end, profiles};
 pub use push::{KNOTS, Pushes};
-pub use sensitivity::flows;
+pub use sensitivity::{flows, turns_in_grip};
 pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_from, fit_starts};
 pub use uncertainty::{

@@ -1,7 +1,7 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
 use super::push::Pushes;
-use super::sensitivity::{Trace, flows};
+use super::sensitivity::{Trace, flows, turns_in_grip};
 use super::share::FrameShare;
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
@@ -81,6 +81,7 @@ pub struct Problem<'a> {
 }
 
 /// Residual and Jacobian at one θ. Rows of all demonstrations stand one after another.
+#[derive(Clone)]
 pub struct Evaluation {
     /// θ.
     pub theta: Vec<f64>,
@@ -148,10 +149,16 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// Whether every demonstration can be simulated with an effect: where a rope hangs is found without the way
-    /// that led there, on which the shape of one that yields depends.
-    pub fn knows(&self, effect: usize) -> bool {
-        !flows(effect) || self.scenes.iter().all(|scene| scene.start.hang().is_none())
+    /// Why an effect cannot be told by these demonstrations, if it cannot.
+    pub fn untold(&self, effect: usize) -> Option<&'static str> {
+        let some_hang = self.scenes.iter().any(|scene| scene.start.hang().is_some());
+        if some_hang && flows(effect) {
+            Some("where a rope hangs that gives way depends on how it got there")
+        } else if !some_hang && turns_in_grip(effect) {
+            Some("a rope that lies straight was gripped as it lay")
+        } else {
+            None
+        }
     }
 
     /// Residuals without derivatives.

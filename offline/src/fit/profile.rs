@@ -50,10 +50,7 @@ pub struct Profile {
 /// says. Where an effect vanishes is no such end.
 pub fn at_an_end(structure: &Structure, theta: &[f64]) -> Vec<usize> {
     let entries = structure.parameters().into_iter().zip(theta).enumerate();
-    let ends = entries.filter(|(_, (p, value))| {
-        let inside = p.low < **value && **value < p.high;
-        !inside && **value != p.prior_mean
-    });
+    let ends = entries.filter(|(_, (p, value))| p.ends_at(**value));
     ends.map(|(k, _)| k).collect()
 }
 

@@ -28,6 +28,7 @@ pub(super) type Frames = Vec<Vec<[f64; 3]>>;
 pub(super) type Failures = Vec<(usize, FitError)>;
 
 /// A demonstration as the model predicts it.
+#[derive(Clone)]
 pub(super) struct Trace {
     /// Arc length of each slice, m.
     pub(super) arc_m: Vec<f64>,
@@ -151,6 +152,11 @@ fn changes_material(effect: usize) -> bool {
 /// Whether an effect changes the shape at rest for good.
 pub fn flows(effect: usize) -> bool {
     !alone(effect).flow_laws.is_empty()
+}
+
+/// Whether an effect turns the rope in its grip.
+pub fn turns_in_grip(effect: usize) -> bool {
+    alone(effect).grip_angle_rad.is_some()
 }
 
 fn are_numbers(frames: &Frames) -> bool {

@@ -208,7 +208,7 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
         .map(|(k, info)| {
             let se = covariance[(k, k)].sqrt().hypot(shift[k]);
             let theta = evaluation.theta[k];
-            let at_bound = theta <= info.low || theta >= info.high;
+            let inside = info.holds(theta);
             let (value, standard_error) = if k == YOUNG {
                 (theta.exp(), theta.exp() * se)
             } else {
@@ -220,7 +220,7 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
                 value,
                 standard_error,
                 identified: se < IDENTIFIED_SHARE * info.prior_sd
-                    && !at_bound
+                    && inside
                     && moves_m(evaluation, k, IDENTIFIED_SHARE * info.prior_sd) > unexplained_of_m(k),
             }
         })

@@ -39,7 +39,9 @@
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
 use super::step::Particle;
-use super::tensor::{Mat3, Vec3, add, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3};
+use super::tensor::{
+    Mat3, Vec3, add, matmul, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3,
+};
 
 /// Stiffness of the clamps' springs over the mass of their particles, as a multiple of E/(ρ dx²): of the rope and the
 /// grid, not of the time step, so that the clamp stays what it is when the step changes, with Poisson's ratio, damping
@@ -151,7 +153,7 @@ impl ClampPath {
     pub fn motion(&self, t_s: f64) -> RigidMotion<f64> {
         let first = self.knots[0].pose;
         let held_m = [first[0], first[1], first[2]];
-        RigidMotion::at(&|t| self.pose(t), &first, held_m, &[], t_s)
+        RigidMotion::at(&|t| self.pose(t), &first, held_m, &Grasp::AS_RECORDED, t_s)
     }
 
     /// Whether the clamp holds at time `t_s`.
@@ -276,6 +278,23 @@ fn real_pose<T: Real>(recorded: &dyn Fn(T) -> Pose<T>, laws: &[Box<dyn PathLaw<T
     pose
 }
 
+/// What a grip does besides following its recorded path.
+#[derive(Clone, Copy)]
+pub struct Grasp<'a, T> {
+    /// Errors of the path.
+    pub laws: &'a [Box<dyn PathLaw<T>>],
+    /// Turn of the rope in it against the recorded direction, about its position, as it stands at first.
+    pub turn: Option<Mat3<T>>,
+}
+
+impl<T> Grasp<'_, T> {
+    /// As recorded.
+    pub const AS_RECORDED: Self = Self {
+        laws: &[],
+        turn: None,
+    };
+}
+
 /// Where a time lies between the knots of a path.
 pub enum Span<T> {
     /// Beyond the ends: the path stands still at this knot.
@@ -366,17 +385,17 @@ pub struct RigidMotion<T> {
 }
 
 impl<T: Real> RigidMotion<T> {
-    /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the laws. `first` is its
+    /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the grasp. `first` is its
     /// first pose; offsets of [`Self::place`] are measured from the position `held_m` which that
     /// pose has without tangents and shifts. Quaternions are normalised here.
     pub fn at(
         recorded: &dyn Fn(T) -> Pose<T>,
         first: &Pose<T>,
         held_m: [f64; 3],
-        laws: &[Box<dyn PathLaw<T>>],
+        grasp: &Grasp<T>,
         t_s: f64,
     ) -> Self {
-        let now = real_pose(recorded, laws, t_s);
+        let now = real_pose(recorded, grasp.laws, t_s);
         let unit = |pose: &Pose<T>| {
             let q = [pose[3], pose[4], pose[5], pose[6]];
             let square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
@@ -384,7 +403,10 @@ impl<T: Real> RigidMotion<T> {
             q.map(|c| c * inverse)
         };
         let [start, end] = [first, &now].map(|pose| rotation_of_quaternion(unit(pose)));
-        let rotation = matmul_transposed(&end, &start);
+        let mut rotation = matmul_transposed(&end, &start);
+        if let Some(turn) = &grasp.turn {
+            rotation = matmul(&rotation, turn);
+        }
         let moved = std::array::from_fn(|k| first[k] - T::of(held_m[k]));
         Self {
             position_m: sub([now[0], now[1], now[2]], matvec(&rotation, moved)),

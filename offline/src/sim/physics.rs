@@ -243,6 +243,9 @@ pub struct Physics<T> {
     pub friction: T,
     /// How much later than recorded grips open, s.
     pub release_delay_s: T,
+    /// How far off its recorded direction the first grip holds a rope that hangs, toward (side, up) of the rope's first
+    /// frame in it, rad; nothing where an effect does not say so.
+    pub grip_angle_rad: Option<[T; 2]>,
     /// Retardation time of the material over the time that a pressure wave takes across the rope. It
     /// damps every rope alike, whatever its stiffness and its grid, and hardly what cameras see.
     pub loss: f64,
@@ -279,6 +282,7 @@ impl<T: Real> Physics<T> {
             gravity_m_s2: [T::zero(), T::zero(), T::of(-GRAVITY_M_S2)],
             friction,
             release_delay_s: T::zero(),
+            grip_angle_rad: None,
             loss: LOSS,
             axial_laws: Vec::new(),
             memory_laws: Vec::new(),

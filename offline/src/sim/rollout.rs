@@ -1,6 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::RigidMotion;
+use super::clamp::{Grasp, RigidMotion};
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
 use super::hanging::{Hung, hang_still, initial_particles};
@@ -16,7 +16,7 @@ use super::scene::{Grip, Scene, require};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
-use super::tensor::{Vec3, add, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, cross, dot, rotation_of_quaternion, scaled, sub};
 use super::time_step::time_step_s;
 use super::track::Track;
 use crate::demo::RopeEnd;
@@ -339,15 +339,37 @@ pub fn grip_motions<T: Real>(
             None => first.map(T::of),
         };
         let held_m = [first[0], first[1], first[2]];
-        // Of poses at rest each is there long before it is seen: what comes late has arrived.
-        let laws: &[_] = if matches!(scene.start, Start::Poses(_)) {
-            &[]
-        } else {
-            &physics.path_laws
-        };
-        Some(RigidMotion::at(&recorded, &start, held_m, laws, t_s + dt_s))
+        let grasp = grasp(scene, physics, index);
+        Some(RigidMotion::at(&recorded, &start, held_m, &grasp, t_s + dt_s))
     };
     scene.grips.iter().enumerate().map(motion).collect()
+}
+
+/// What grip `index` does besides following its recorded path.
+pub fn grasp<'a, T: Real>(scene: &Scene, physics: &'a Physics<T>, index: usize) -> Grasp<'a, T> {
+    // Of poses at rest each is there long before it is seen: what comes late has arrived.
+    let arrived = matches!(scene.start, Start::Poses(_));
+    let first_hanging = scene.start.hang().filter(|_| index == 0);
+    let angle_rad = physics.grip_angle_rad;
+    Grasp {
+        laws: if arrived { &[] } else { &physics.path_laws },
+        turn: first_hanging
+            .zip(angle_rad)
+            .map(|(hang, angle_rad)| tilt(&hang.frames[index], angle_rad)),
+    }
+}
+
+/// The turn that tilts the first row of a frame toward the second and the third, by the vector of Rodrigues.
+fn tilt<T: Real>(frame: &Mat3<f64>, angle_rad: [T; 2]) -> Mat3<T> {
+    let [toward_side, toward_up] = angle_rad.map(|angle| {
+        let (sin, cos) = angle.sin_cos();
+        sin / (T::one() + cos)
+    });
+    let [tangent, side, up] = *frame;
+    let (to_side, to_up) = (cross(tangent, side), cross(tangent, up));
+    let v: Vec3<T> = std::array::from_fn(|k| toward_side.scale(to_side[k]) + toward_up.scale(to_up[k]));
+    let w = T::one() / (T::one() + dot(v, v)).sqrt();
+    rotation_of_quaternion([v[0] * w, v[1] * w, v[2] * w, w])
 }
 
 /// Masses of the particles, kg: the rope's, the declared mass at its end, and what the laws change.

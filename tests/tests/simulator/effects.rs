@@ -6,11 +6,14 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use offline::effects::{self, ALL, Slope};
 use offline::sim::axial;
 use offline::sim::clamp::ClampPath;
+use offline::sim::curve::Curve;
 use offline::sim::elastic::energy_density;
 use offline::sim::material::Material;
 use offline::sim::physics::{ForcePoint, Mouth};
 use offline::sim::rope::{RopeLayout, Sampling};
 use offline::sim::scene::{Scene, StepLength, Table};
+use offline::sim::start::{Hang, Start};
+use offline::sim::statics::Pose;
 use offline::sim::tensor::matmul;
 use offline::sim::{Dual, Physics, Real, Rollout, simulate};
 use offline::verify::{Stepper, matrix, rows};
@@ -39,6 +42,50 @@ fn lift() -> Scene {
     // No parameter of an effect may change the step between two rollouts that are compared.
     scene.step = StepLength::Fixed(1e-4);
     scene
+}
+
+/// The same rope held level at one end, at rest, and then swung from there.
+fn swing_from_rest() -> Scene {
+    let shape = rope(0.16, 0.014);
+    let path = ClampPath::new(vec![
+        knot(0.0, [0.0; 3], true),
+        knot(0.1, [0.02, 0.0, 0.04], true),
+    ]);
+    let grips = start_grip(0.02, path);
+    let mut scene = Scene::new(
+        shape,
+        [0.0; 3],
+        [1.0, 0.0, 0.0],
+        grips,
+        None,
+        1.5,
+        vec![0.0, 0.06, 0.12],
+    )
+    .unwrap();
+    scene.step = StepLength::Fixed(1e-4);
+    let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let knots = [(0.0, [0.0; 3]), (shape.length_m, [shape.length_m, 0.0, 0.0])];
+    scene.start = Start::Rest(Hang {
+        frames: vec![level],
+        poses: vec![Pose {
+            t_s: 0.0,
+            guess: Curve::through(shape.length_m, &knots, 0, &level),
+            pins: Vec::new(),
+            near: None,
+        }],
+        in_plane: false,
+    });
+    scene
+}
+
+/// A scene in which an effect can be seen: how a rope lies in its grip shows where it hangs.
+fn scene_for(effect: usize) -> Scene {
+    let vanishing: Vec<f64> = ALL[effect].vanishing().collect();
+    if with_effect(effect, &vanishing).grip_angle_rad.is_some() {
+        swing_from_rest()
+    } else {
+        lift()
+    }
 }
 
 fn base<T: Real>() -> Physics<T> {
@@ -77,7 +124,6 @@ fn same_bits(a: &Rollout<f64>, b: &Rollout<f64>) -> bool {
 
 #[test]
 fn an_effect_that_vanishes_leaves_the_base_model_bit_for_bit() {
-    let scene = lift();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for (effect, spec) in ALL.iter().enumerate() {
         let (young, poisson, friction) = (
@@ -87,8 +133,9 @@ fn an_effect_that_vanishes_leaves_the_base_model_bit_for_bit() {
         );
         let bare = Physics::base(young, poisson, friction);
         let mut physics = Physics::base(young, poisson, friction);
-        let values: Vec<f64> = spec.parameters.iter().map(|p| p.vanishes_at).collect();
+        let values: Vec<f64> = spec.vanishing().collect();
         effects::add_to(effect, &values, &mut physics);
+        let scene = scene_for(effect);
         let [without, with] = [&bare, &physics].map(|physics| simulate(&scene, physics).unwrap());
         assert!(same_bits(&without, &with), "{} at E = {young:.2e} Pa", spec.id);
     }
@@ -96,21 +143,21 @@ fn an_effect_that_vanishes_leaves_the_base_model_bit_for_bit() {
 
 /// An effect that changes nothing when it is there would pass every other test.
 #[test]
-fn every_effect_changes_a_lift() {
-    let scene = lift();
+fn every_effect_changes_a_motion() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for (effect, spec) in ALL.iter().enumerate() {
         let physics = with_effect(effect, &values_with_tangents(effect, &mut rng));
+        let scene = scene_for(effect);
         let [without, with] = [&base(), &physics].map(|physics| simulate(&scene, physics).unwrap());
         assert!(!same_bits(&without, &with), "{}", spec.id);
     }
 }
 
-/// A lift in the plane y = 0 leaves it by what is said to act sideways, and by nothing else.
+/// A motion in the plane y = 0 leaves it by what is said to act sideways, and by nothing else.
 #[test]
 fn what_acts_sideways_moves_a_rope_out_of_its_plane_and_nothing_else_does() {
-    let scene = lift();
     for (effect, spec) in ALL.iter().enumerate() {
+        let scene = scene_for(effect);
         for (k, p) in spec.parameters.iter().enumerate() {
             let mut values: Vec<f64> = spec.vanishing().collect();
             values[k] = (values[k] + 0.5 * p.smallest_of_interest).min(p.high);
@@ -127,7 +174,6 @@ fn what_acts_sideways_moves_a_rope_out_of_its_plane_and_nothing_else_does() {
 /// differences this small rarely meet such a step.
 #[test]
 fn tangents_are_slopes_for_every_parameter() {
-    let scene = lift();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for (effect, spec) in ALL.iter().enumerate() {
         let count = spec.parameters.len();
@@ -135,6 +181,7 @@ fn tangents_are_slopes_for_every_parameter() {
         if spec.parameters.iter().any(|p| p.slope == Slope::Secant) {
             continue;
         }
+        let scene = scene_for(effect);
         let values = values_with_tangents(effect, &mut rng);
         let inputs: Vec<Dual<f64, MOST>> = values
             .iter()
@@ -145,7 +192,7 @@ fn tangents_are_slopes_for_every_parameter() {
         for (k, parameter) in spec.parameters.iter().enumerate() {
             // Large steps meet more changes between sliding and sticking, small ones drown in
             // rounding where the effect is small (tangential drag: micrometres per unit).
-            let error = [1e-4, 1e-5]
+            let error = [1e-2, 1e-4, 1e-5]
                 .map(|share| {
                     let h = share * parameter.smallest_of_interest;
                     slope_error(&scene, effect, &values, (k, h), &dual)

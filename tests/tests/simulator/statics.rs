@@ -199,14 +199,57 @@ fn a_damped_rollout_comes_near_the_pose_at_rest() {
     assert!(misses[2] < GRID_ERROR * bent);
 }
 
-/// Materials of which a rope that hangs knows: by effect, its values.
-const MATERIALS: [(&str, &[f64]); 6] = [
+/// A rope that its clamp holds askew hangs as one whose direction was recorded as it is, at rest and in motion: turned up,
+/// or to the side.
+#[test]
+fn a_rope_held_at_an_angle_hangs_as_one_recorded_in_that_direction() {
+    let (at, angle) = (0.3_f64, 0.25_f64);
+    let (sin, cos) = at.sin_cos();
+    let up = [(at + angle).cos(), 0.0, (at + angle).sin()];
+    // The side of a rope in the plane of x and z is y.
+    let side = [angle.cos() * cos, angle.sin(), angle.cos() * sin];
+    for (values, direction) in [([0.0, angle], up), ([angle, 0.0], side)] {
+        let mut demo = CABLE.poses(&[at, -0.9], &[0.5, 1.0]);
+        let mut askew = demo.clone();
+        demo.spec.rope.direction = direction;
+        for start in [StartState::Straight, StartState::Rest] {
+            for demo in [&mut demo, &mut askew] {
+                demo.spec.start = start;
+                if start == StartState::Rest {
+                    demo.spec.scene = SceneKind::Free;
+                }
+            }
+            let frames = |demo: &Demo, structure: &Structure, values: &[f64]| {
+                let mut scene = Scene::of_demo(demo, CELLS).unwrap();
+                if start == StartState::Rest {
+                    (scene.duration_s, scene.frame_times_s) = (0.2, vec![0.0, 0.1, 0.2]);
+                }
+                let theta = [&[CABLE.young_pa.ln(), 0.3], values].concat();
+                simulate(&scene, &structure.physics(&theta, 0.0)).unwrap().frames
+            };
+            let recorded = frames(&demo, &Structure::default(), &[]);
+            let askew_frames = frames(&askew, &with_effect("grip_angle"), &values);
+            let plain = frames(&askew, &Structure::default(), &[]);
+            let apart = |a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]| {
+                let points = a.iter().flatten().zip(b.iter().flatten());
+                points.map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max)
+            };
+            let (off, turned) = (apart(&recorded, &askew_frames), apart(&recorded, &plain));
+            println!("{values:?} {start:?}: {off:.1e} m off, {turned:.3} m without the angle");
+            assert!(off < 1e-5 && turned > 0.02, "{off} {turned}");
+        }
+    }
+}
+
+/// What a rope that hangs knows of: by effect, its values.
+const MATERIALS: [(&str, &[f64]); 7] = [
     ("", &[]),
     ("rest_curvature", &[1.0, 2.0]),
     ("bending_ratio", &[0.5]),
     ("bending_ratio", &[1.6]),
     ("clamp_compliance", &[0.5]),
     ("strain_stiffening", &[20.0]),
+    ("grip_angle", &[0.1, 0.2]),
 ];
 
 fn with_effect(effect: &str) -> Structure {

@@ -7,7 +7,7 @@ use crate::sim::clamp::{ClampPath, KnotShift, PathShift, RigidMotion, Span};
 use crate::sim::lanes::Lanes;
 use crate::sim::physics::{Physics, Pose};
 use crate::sim::real::{Arithmetic, Real};
-use crate::sim::rollout::Setup;
+use crate::sim::rollout::{Setup, grasp};
 use crate::sim::tensor::{Mat3, Vec3};
 use std::cell::RefCell;
 
@@ -138,7 +138,7 @@ impl PathGradients {
             &recorded,
             &plus(start, &first_input),
             [first[0], first[1], first[2]],
-            &setup.context.physics.path_laws,
+            &grasp(setup.scene, setup.context.physics, index),
             t_s,
         );
         for a in 0..3 {
