@@ -86,7 +86,6 @@ fn hanging(motion: &Motion, track: &Track, noise_m: f64) -> Demo {
 /// A gripper that holds the rope by 0.2 rad off its recorded direction, of which nobody knows: upwards, and half as much to
 /// the side. The rope is played on a finer grid.
 #[test]
-#[ignore = "a whole diagnosis takes minutes: run it by hand after changing the loop"]
 fn a_gripper_that_holds_the_rope_askew_is_found() {
     let askew = Part {
         id: "grip_angle".into(),
