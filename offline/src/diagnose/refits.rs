@@ -527,7 +527,10 @@ mod tests {
         let most = free.1 + 0.5 * (held.1 - free.1);
         let between = held_up_to(most);
         assert!(between.1 <= most && held.0 < between.0, "{between:?} of {held:?}");
-        assert!(between.0 < free.0, "{between:?} of {free:?}: the prior is as it was");
+        assert!(
+            between.0 < free.0,
+            "{between:?} of {free:?}: the prior is as it was"
+        );
     }
 
     /// Seen on a cable of which end mass and curl were unknown: where its stiffness stayed, or became e¹¹ times as large, no

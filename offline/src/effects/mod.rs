@@ -46,6 +46,7 @@ mod density_gradient;
 mod grip_angle;
 mod gripper_lag;
 mod internal_damping;
+mod relaxation;
 mod release_delay;
 mod rest_curvature;
 mod steady_wind;
@@ -163,7 +164,8 @@ registry!(
     release_delay,
     camera_offset,
     clamp_compliance,
-    grip_angle
+    grip_angle,
+    relaxation
 );
 
 /// Index of the effect with name `id`.

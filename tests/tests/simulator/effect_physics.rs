@@ -4,8 +4,9 @@ use nalgebra::{Rotation3, Unit, Vector3};
 use offline::demo::RopeEnd;
 use offline::effects;
 use offline::sim::clamp::{ClampPath, Knot};
+use offline::sim::material::Material;
 use offline::sim::physics::GRAVITY_M_S2;
-use offline::sim::rope::RopeShape;
+use offline::sim::rope::{RopeLayout, RopeShape, Sampling};
 use offline::sim::scene::{Grip, Scene};
 use offline::sim::{Physics, simulate};
 use offline::verify::Stepper;
@@ -273,6 +274,48 @@ fn a_stretched_rope_keeps_what_exceeds_its_yield_strain() {
         0.1,
         "stretch that stays",
     );
+}
+
+/// A piece of rope that is stretched at a steady rate and then held pulls by its share of the modulus more, and lets that go:
+/// g τ r (1 − e^(−T/τ)) e^(−t/τ) of E, for each relaxation time by itself.
+#[test]
+fn a_stretch_that_is_held_relaxes_as_a_maxwell_branch_says() {
+    let (young_pa, rate_per_s, stretched_s) = (1.0e6, 1e-3, 0.05);
+    let layout = RopeLayout::new(rope(0.04, 0.014), &[], 0.009, Sampling::default());
+    let dt_s = 1e-4;
+    for (shares, time_s) in [([0.5, 0.0], 0.1), ([0.0, 0.5], 1.0)] {
+        let physics = with(young_pa, &[("relaxation", &shares)]);
+        let mut material = Material::new(&physics, &layout, &[]);
+        let gradient = |strain: f64| [[1.0 + strain, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let strain_at = |t_s: f64| rate_per_s * t_s.min(stretched_s);
+        for step in 0..2500 {
+            let t_s = f64::from(step) * dt_s;
+            let rate = if t_s < stretched_s { rate_per_s } else { 0.0 };
+            let rate = [[rate, 0.0, 0.0], [0.0; 3], [0.0; 3]];
+            let here = gradient(strain_at(t_s));
+            material.advance(&physics, dt_s, |_| (&here, &rate));
+            let now_s = t_s + dt_s;
+            if [0.05, 0.1, 0.25]
+                .iter()
+                .any(|at| f64::abs(now_s - at) < 0.5 * dt_s)
+            {
+                let lame = physics.lame();
+                let pull = |physics: &Physics<f64>| {
+                    material.piola(0, &gradient(strain_at(now_s)), physics, &lame).0[0][0]
+                };
+                let elastic_pa = young_pa * strain_at(now_s);
+                let loaded = 1.0 - f64::exp(-stretched_s / time_s);
+                let exact_pa =
+                    0.5 * young_pa * time_s * rate_per_s * loaded * f64::exp(-(now_s - stretched_s) / time_s);
+                close(
+                    pull(&physics) - elastic_pa,
+                    exact_pa,
+                    0.01,
+                    "pull beyond the elastic one",
+                );
+            }
+        }
+    }
 }
 
 /// What the cameras show at t happened at t − τ.
