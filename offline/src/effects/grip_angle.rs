@@ -17,7 +17,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "t_rope = R_clamp(t) R(angles) t_recorded",
     source: "rigid motion; vector of Rodrigues as in Argyris, An excursion into large rotations (1982)",
     nuisance: false,
-    of_the_rig: true,
+    // Nobody sees how a soft rope lies between the pads.
+    of_the_rig: false,
     only_seen: false,
     parameters: &[angle("toward_side_rad", true), angle("toward_up_rad", false)],
 };
