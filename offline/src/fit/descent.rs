@@ -252,21 +252,34 @@ impl<'a> Descent<'a> {
     ///
     /// What makes offsets hang together may be something else that the model lacks, and a prior as heavy as all of that
     /// takes what was explained away: the damping of a foam rod lost half of what it had taken away. So it becomes no
-    /// heavier than leaves the cost, without its change, at `most_cost`.
+    /// heavier than leaves the cost, without its change, at `most_cost`; but where that leaves an effect at an end of its
+    /// range, which no cause is, it becomes as heavy as it may.
     pub fn shrunk(mut self, evaluations: usize, most_cost: f64) -> Self {
         self.complete();
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
-        for root in PRIOR_ROOTS {
-            let under = self.clone().under(heaviest.powf(1.0 / root));
-            if under.promised_cost() > most_cost {
-                continue;
-            }
+        let under = |root: f64| self.clone().under(heaviest.powf(1.0 / root));
+        let gentle = PRIOR_ROOTS.into_iter().map(under);
+        let mut gentle = gentle.filter(|under| under.promised_cost() <= most_cost);
+        let kept = gentle.find_map(|under| {
             let there = under.again(evaluations);
-            if there.own_cost() <= most_cost {
-                return there;
-            }
+            (there.own_cost() <= most_cost && !there.at_an_end()).then_some(there)
+        });
+        match kept {
+            Some(there) => there,
+            None if self.at_an_end() => under(1.0).again(evaluations),
+            None => self,
         }
-        self
+    }
+
+    /// Whether an effect is at an end of its range at the best iterate so far.
+    fn at_an_end(&self) -> bool {
+        let own = Structure::default().parameters().len();
+        let entries = self
+            .structure
+            .parameters()
+            .into_iter()
+            .zip(&self.best.evaluation.theta);
+        entries.skip(own).any(|(p, &value)| p.ends_at(value))
     }
 
     /// Goes on as if it had just begun; what ended it stays its end.
