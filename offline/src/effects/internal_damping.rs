@@ -10,8 +10,7 @@
 //! τ = 20 ms feels 99.8 % of the dissipation and is 2 % stiffer.
 //!
 //! A swing at ω loses tan δ = ω τ of what bends. Insulated cables that swing at 6 to 8 rad/s lose so much that τ is
-//! 50 to 100 ms. Slower ones may lose as much with a longer τ: the range ends where a rope that swings once in three
-//! seconds would lose in each radian what it stores.
+//! 50 to 100 ms; the range ends where nothing would swing any more. What is slower than that relaxes (`relaxation.rs`).
 
 use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::elastic::Lame;
@@ -35,7 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         unit: "s",
         vanishes_at: 0.0,
         low: 0.0,
-        high: 0.5,
+        high: 0.2,
         smallest_of_interest: 0.0005,
         slope: Slope::Tangent,
         sideways: false,
