@@ -87,7 +87,7 @@ fn effects_where(wanted: impl Fn(&Physics<f64>) -> bool) -> Vec<usize> {
 fn smooth_particle_effects() -> Vec<usize> {
     effects_where(|p| {
         let elsewhere = p.changes_material() || !p.observation_laws.is_empty();
-        !elsewhere && p.release_delay_s == 0.0 && p.grip_angle_rad.is_none()
+        !elsewhere && p.release_delay_s == 0.0 && p.grip_tilt.is_none()
     })
 }
 

@@ -526,7 +526,8 @@ mod tests {
         let most = 0.5 * (end.cost() + heaviest.1);
         let kept = shrunk(most);
         assert!(kept.1 <= most, "{kept:?}, at most {most}");
-        assert!(heaviest.0 < kept.0 && kept.0 < free_s, "{kept:?} of {free_s} s");
+        // What a gentle prior moves by less than a small part of the standard error stays where it is.
+        assert!(heaviest.0 < kept.0 && kept.0 <= free_s, "{kept:?} of {free_s} s");
     }
 
     /// Seen on a cable of which end mass and curl were unknown: where its stiffness stayed, or became e¹¹ times as large, no

@@ -4,7 +4,7 @@
 
 use super::{EffectSpec, ParameterSpec, Slope};
 use crate::sim::physics::ObservationLaw;
-use crate::sim::tensor::{Mat3, Vec3, add, lift3, matvec, rotation_of_quaternion, sub};
+use crate::sim::tensor::{Mat3, Vec3, add, lift3, matvec, rotation_of_rodrigues, sub};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -66,10 +66,7 @@ impl<T: Real> ObservationLaw<T> for CameraOffset<T> {
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    let half: Vec3<T> = std::array::from_fn(|k| values[3 + k].scale(0.5));
-    let square = half[0] * half[0] + half[1] * half[1] + half[2] * half[2];
-    let w = T::one() / (T::one() + square).sqrt();
-    let mut turn = rotation_of_quaternion([half[0] * w, half[1] * w, half[2] * w, w]);
+    let mut turn = rotation_of_rodrigues(std::array::from_fn(|k| values[3 + k].scale(0.5)));
     for k in 0..3 {
         turn[k][k] -= T::one();
     }

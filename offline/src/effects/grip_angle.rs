@@ -38,5 +38,8 @@ const fn angle(name: &'static str, sideways: bool) -> ParameterSpec {
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    physics.grip_angle_rad = Some([values[0], values[1]]);
+    physics.grip_tilt = Some([values[0], values[1]].map(|angle| {
+        let (sin, cos) = angle.sin_cos();
+        sin / (T::one() + cos)
+    }));
 }

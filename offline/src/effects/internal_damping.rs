@@ -13,8 +13,7 @@
 //! 50 to 100 ms; the range ends where nothing would swing any more. What is slower than that relaxes (`relaxation.rs`).
 
 use super::{EffectSpec, ParameterSpec, Slope};
-use crate::sim::elastic::Lame;
-use crate::sim::physics::MemoryLaw;
+use crate::sim::physics::Maxwell;
 use crate::sim::{Physics, Real};
 
 /// g: modulus of the Maxwell element against the elastic one.
@@ -41,33 +40,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     }],
 };
 
-struct Maxwell<T> {
-    retardation_time_s: T,
-}
-
-impl<T: Real> MemoryLaw<T> for Maxwell<T> {
-    fn delay_s(&self) -> T {
-        self.retardation_time_s.scale(1.0 / QUICK_MODULUS)
-    }
-
-    fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
-        Lame {
-            mu: self.retardation_time_s * lame.mu,
-            lambda: self.retardation_time_s * lame.lambda,
-        }
-    }
-
-    fn quick(&self, lame: &Lame<T>) -> Lame<T> {
-        Lame {
-            mu: lame.mu.scale(QUICK_MODULUS),
-            lambda: lame.lambda.scale(QUICK_MODULUS),
-        }
-    }
-}
-
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
     physics.memory_laws.push(Box::new(Maxwell {
-        retardation_time_s: values[0],
+        share: T::of(QUICK_MODULUS),
+        time_s: values[0].scale(1.0 / QUICK_MODULUS),
     }));
 }

@@ -7,8 +7,7 @@
 //! time shorter than a tenth of a second is internal damping, one longer than the recording a stiffer rope.
 
 use super::{EffectSpec, ParameterSpec, Slope};
-use crate::sim::elastic::Lame;
-use crate::sim::physics::MemoryLaw;
+use crate::sim::physics::Maxwell;
 use crate::sim::{Physics, Real};
 
 /// Relaxation times τ₁, τ₂, s.
@@ -39,34 +38,12 @@ const fn share(name: &'static str) -> ParameterSpec {
     }
 }
 
-struct Branch<T> {
-    share: T,
-    time_s: f64,
-}
-
-impl<T: Real> MemoryLaw<T> for Branch<T> {
-    fn delay_s(&self) -> T {
-        T::of(self.time_s)
-    }
-
-    fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
-        Lame {
-            mu: self.share.scale(self.time_s) * lame.mu,
-            lambda: self.share.scale(self.time_s) * lame.lambda,
-        }
-    }
-
-    fn quick(&self, lame: &Lame<T>) -> Lame<T> {
-        Lame {
-            mu: self.share * lame.mu,
-            lambda: self.share * lame.lambda,
-        }
-    }
-}
-
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
     for (&share, time_s) in values.iter().zip(TIMES_S) {
-        physics.memory_laws.push(Box::new(Branch { share, time_s }));
+        physics.memory_laws.push(Box::new(Maxwell {
+            share,
+            time_s: T::of(time_s),
+        }));
     }
 }

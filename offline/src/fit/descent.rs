@@ -4,6 +4,7 @@
 use super::broyden::Traced;
 use super::cost::{cost_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
+use super::profile::at_an_end;
 use super::uncertainty::{Correlation, POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
@@ -103,7 +104,7 @@ const FAITHFUL: f64 = 0.5;
 const MOST_CORRECTIONS: usize = 3;
 
 /// Roots of the heaviest prior that are tried where that takes too much away: see [`Descent::shrunk`].
-const PRIOR_ROOTS: [f64; 3] = [1.0, 2.0, 4.0];
+const GENTLER_ROOTS: [f64; 2] = [2.0, 4.0];
 
 /// How the slopes at a descent's best iterate were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,28 +259,27 @@ impl<'a> Descent<'a> {
         self.complete();
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
         let under = |root: f64| self.clone().under(heaviest.powf(1.0 / root));
-        let gentle = PRIOR_ROOTS.into_iter().map(under);
-        let mut gentle = gentle.filter(|under| under.promised_cost() <= most_cost);
-        let kept = gentle.find_map(|under| {
-            let there = under.again(evaluations);
-            (there.own_cost() <= most_cost && !there.at_an_end()).then_some(there)
-        });
+        let tried = |root: f64| {
+            let under = under(root);
+            (under.promised_cost() <= most_cost).then(|| under.again(evaluations))
+        };
+        let keeps = |there: &Self| there.own_cost() <= most_cost && !there.at_an_end();
+        let held = match tried(1.0) {
+            Some(there) if keeps(&there) => return there,
+            other => other,
+        };
+        let kept = GENTLER_ROOTS.into_iter().filter_map(tried).find(keeps);
         match kept {
             Some(there) => there,
-            None if self.at_an_end() => under(1.0).again(evaluations),
+            None if self.at_an_end() => held.unwrap_or_else(|| under(1.0).again(evaluations)),
             None => self,
         }
     }
 
     /// Whether an effect is at an end of its range at the best iterate so far.
     fn at_an_end(&self) -> bool {
-        let own = Structure::default().parameters().len();
-        let entries = self
-            .structure
-            .parameters()
-            .into_iter()
-            .zip(&self.best.evaluation.theta);
-        entries.skip(own).any(|(p, &value)| p.ends_at(value))
+        let ends = at_an_end(&self.structure, &self.best.evaluation.theta);
+        ends.into_iter().any(|entry| entry > POISSON)
     }
 
     /// Goes on as if it had just begun; what ended it stays its end.

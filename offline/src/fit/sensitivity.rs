@@ -156,7 +156,7 @@ pub fn flows(effect: usize) -> bool {
 
 /// Whether an effect turns the rope in its grip.
 pub fn turns_in_grip(effect: usize) -> bool {
-    alone(effect).grip_angle_rad.is_some()
+    alone(effect).grip_tilt.is_some()
 }
 
 fn are_numbers(frames: &Frames) -> bool {

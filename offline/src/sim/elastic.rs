@@ -28,6 +28,14 @@ impl<T: Arithmetic> Lame<T> {
         self.mu * (self.lambda.scale(3.0) + self.mu.scale(2.0)) / (self.lambda + self.mu)
     }
 
+    /// Both moduli times a factor.
+    pub fn times(&self, factor: T) -> Self {
+        Self {
+            mu: self.mu * factor,
+            lambda: self.lambda * factor,
+        }
+    }
+
     /// P-wave modulus λ + 2μ, Pa.
     pub fn p_wave_modulus(&self) -> T {
         self.lambda + self.mu.scale(2.0)

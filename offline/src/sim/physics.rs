@@ -142,6 +142,28 @@ pub trait MemoryLaw<T: Real>: Send + Sync {
     fn quick(&self, lame: &Lame<T>) -> Lame<T>;
 }
 
+/// A spring and a dashpot in series beside the elastic solid, with its elastic constants (Maxwell).
+pub struct Maxwell<T> {
+    /// Modulus of the spring over the solid's.
+    pub share: T,
+    /// Relaxation time, s: the delay.
+    pub time_s: T,
+}
+
+impl<T: Real> MemoryLaw<T> for Maxwell<T> {
+    fn delay_s(&self) -> T {
+        self.time_s
+    }
+
+    fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
+        lame.times(self.share * self.time_s)
+    }
+
+    fn quick(&self, lame: &Lame<T>) -> Lame<T> {
+        lame.times(self.share)
+    }
+}
+
 /// A stress-free shape other than straight.
 pub trait ShapeLaw<T: Real>: Send + Sync {
     /// Curvature of the stress-free rope at an arc length toward the (side, up) of its first frame, 1/m.
@@ -244,8 +266,8 @@ pub struct Physics<T> {
     /// How much later than recorded grips open, s.
     pub release_delay_s: T,
     /// How far off its recorded direction the first grip holds a rope that hangs, toward (side, up) of the rope's first
-    /// frame in it, rad; nothing where an effect does not say so.
-    pub grip_angle_rad: Option<[T; 2]>,
+    /// frame in it: tangents of half the angles. Nothing where no effect says so.
+    pub grip_tilt: Option<[T; 2]>,
     /// Retardation time of the material over the time that a pressure wave takes across the rope. It
     /// damps every rope alike, whatever its stiffness and its grid, and hardly what cameras see.
     pub loss: f64,
@@ -282,7 +304,7 @@ impl<T: Real> Physics<T> {
             gravity_m_s2: [T::zero(), T::zero(), T::of(-GRAVITY_M_S2)],
             friction,
             release_delay_s: T::zero(),
-            grip_angle_rad: None,
+            grip_tilt: None,
             loss: LOSS,
             axial_laws: Vec::new(),
             memory_laws: Vec::new(),
@@ -357,10 +379,6 @@ impl<T: Real> Physics<T> {
 
     /// Viscosities of a rope's material, Pa s: the moduli times its retardation time.
     pub fn viscosity(&self, rope: &RopeShape) -> Lame<T> {
-        let (lame, retardation_s) = (self.lame(), self.retardation_s(rope));
-        Lame {
-            mu: lame.mu * retardation_s,
-            lambda: lame.lambda * retardation_s,
-        }
+        self.lame().times(self.retardation_s(rope))
     }
 }

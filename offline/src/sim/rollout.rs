@@ -16,7 +16,7 @@ use super::scene::{Grip, Scene, require};
 use super::start::Start;
 use super::step::{Particle, StepContext};
 use super::sweep::Sweep;
-use super::tensor::{Mat3, Vec3, add, cross, dot, rotation_of_quaternion, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, rotation_of_rodrigues, scaled, sub};
 use super::time_step::time_step_s;
 use super::track::Track;
 use crate::demo::RopeEnd;
@@ -350,26 +350,18 @@ pub fn grasp<'a, T: Real>(scene: &Scene, physics: &'a Physics<T>, index: usize) 
     // Of poses at rest each is there long before it is seen: what comes late has arrived.
     let arrived = matches!(scene.start, Start::Poses(_));
     let first_hanging = scene.start.hang().filter(|_| index == 0);
-    let angle_rad = physics.grip_angle_rad;
+    let tilted = first_hanging.zip(physics.grip_tilt);
     Grasp {
         laws: if arrived { &[] } else { &physics.path_laws },
-        turn: first_hanging
-            .zip(angle_rad)
-            .map(|(hang, angle_rad)| tilt(&hang.frames[index], angle_rad)),
+        turn: tilted.map(|(hang, tilt)| tilting(&hang.frames[index], tilt)),
     }
 }
 
-/// The turn that tilts the first row of a frame toward the second and the third, by the vector of Rodrigues.
-fn tilt<T: Real>(frame: &Mat3<f64>, angle_rad: [T; 2]) -> Mat3<T> {
-    let [toward_side, toward_up] = angle_rad.map(|angle| {
-        let (sin, cos) = angle.sin_cos();
-        sin / (T::one() + cos)
-    });
-    let [tangent, side, up] = *frame;
-    let (to_side, to_up) = (cross(tangent, side), cross(tangent, up));
-    let v: Vec3<T> = std::array::from_fn(|k| toward_side.scale(to_side[k]) + toward_up.scale(to_up[k]));
-    let w = T::one() / (T::one() + dot(v, v)).sqrt();
-    rotation_of_quaternion([v[0] * w, v[1] * w, v[2] * w, w])
+/// The turn that tilts the tangent of a frame (tangent, side, up) toward side and up, by the tangents of half the angles.
+fn tilting<T: Real>([_, side, up]: &Mat3<f64>, [toward_side, toward_up]: [T; 2]) -> Mat3<T> {
+    rotation_of_rodrigues(std::array::from_fn(|k| {
+        toward_side.scale(up[k]) - toward_up.scale(side[k])
+    }))
 }
 
 /// Masses of the particles, kg: the rope's, the declared mass at its end, and what the laws change.

@@ -148,6 +148,12 @@ pub fn transpose_inverse<T: Arithmetic>(a: &Mat3<T>) -> Mat3<T> {
     ]
 }
 
+/// Rotation matrix of a vector of Rodrigues: along the axis, as long as the tangent of half the angle.
+pub fn rotation_of_rodrigues<T: Arithmetic>(v: Vec3<T>) -> Mat3<T> {
+    let w = T::one() / (T::one() + dot(v, v)).sqrt();
+    rotation_of_quaternion([v[0] * w, v[1] * w, v[2] * w, w])
+}
+
 /// Rotation matrix of a unit quaternion (x, y, z, w).
 pub fn rotation_of_quaternion<T: Arithmetic>(q: [T; 4]) -> Mat3<T> {
     let [x, y, z, w] = q;

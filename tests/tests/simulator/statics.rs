@@ -30,6 +30,12 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
+/// How far apart two lines are where they are furthest, m.
+fn furthest<'a>(a: impl IntoIterator<Item = &'a [f64; 3]>, b: impl IntoIterator<Item = &'a [f64; 3]>) -> f64 {
+    let apart = a.into_iter().zip(b).map(|(a, b)| distance(*a, *b));
+    apart.fold(0.0, f64::max)
+}
+
 #[test]
 fn poses_under_any_clamp_angle_are_those_of_the_elastica() {
     let angles = [0.0, -1.2, 1.0, 2.6];
@@ -79,11 +85,7 @@ fn a_damped_rollout_comes_near_the_pose_at_rest() {
         still_m_s: 0.0,
     });
     let frames = simulate(&scene, &physics).unwrap().frames;
-    let miss = |frame: &Vec<[f64; 3]>| {
-        let apart = pose.iter().zip(frame).map(|(a, b)| distance(*a, *b));
-        apart.fold(0.0, f64::max)
-    };
-    let misses: Vec<f64> = frames.iter().map(miss).collect();
+    let misses: Vec<f64> = frames.iter().map(|frame| furthest(&pose, frame)).collect();
     let tip = pose[pose.len() - 1];
     let bent = distance(tip, [soft.free_m, 0.0, 0.0]);
     println!("{bent:.4} m bent, {misses:?} m off");
@@ -121,11 +123,8 @@ fn a_rope_held_at_an_angle_hangs_as_one_recorded_in_that_direction() {
             let recorded = frames(&demo, &Structure::default(), &[]);
             let askew_frames = frames(&askew, &with_effect("grip_angle"), &values);
             let plain = frames(&askew, &Structure::default(), &[]);
-            let apart = |a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]| {
-                let points = a.iter().flatten().zip(b.iter().flatten());
-                points.map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max)
-            };
-            let (off, turned) = (apart(&recorded, &askew_frames), apart(&recorded, &plain));
+            let [off, turned] = [&askew_frames, &plain]
+                .map(|frames| furthest(recorded.iter().flatten(), frames.iter().flatten()));
             println!("{values:?} {start:?}: {off:.1e} m off, {turned:.3} m without the angle");
             assert!(off < 1e-5 && turned > 0.02, "{off} {turned}");
         }
@@ -165,11 +164,7 @@ fn a_rollout_that_starts_at_rest_stays_at_rest() {
         let frames = simulate(&scene, &physics).unwrap().frames;
         tips.push(*frames[0].last().unwrap());
         for later in &frames[1..] {
-            let moved = frames[0]
-                .iter()
-                .zip(later)
-                .map(|(a, b)| distance(*a, *b))
-                .fold(0.0, f64::max);
+            let moved = furthest(&frames[0], later);
             println!("{effect} {values:?}: moved {moved:.1e} m");
             assert!(moved < 1e-6, "{effect} {values:?}: moved {moved} m");
         }
