@@ -4,6 +4,7 @@
 mod broyden;
 mod cost;
 mod descent;
+mod hanging_together;
 mod numerical;
 mod problem;
 mod profile;

@@ -81,8 +81,11 @@ const DIVISIONS: [Division; 3] = [
     |scene| scene.grid.shift_cells = scene.grid.shift_cells.map(|shift| shift + 0.25),
 ];
 
-/// How far the simulation's own error may have moved each entry of θ: how far each of the other divisions of the scene
-/// would move it, to first order, added in squares as the independent errors that they are.
+/// How far the simulation's own error may have moved each entry of θ, as one standard error: how far each of the other
+/// divisions of the scene would move it, to first order, added in squares as the independent errors that they are. What
+/// lies between two divisions that are equally good has twice the variance of either's error, but the time step's error
+/// and that of how cameras see a rope are in none: with half the squares the 95 % interval of E held the truth in 180 of
+/// 200 demonstrations before noisy cameras (`offline reproduce coverage`).
 ///
 /// # Errors
 /// A simulation stopped.

@@ -5,7 +5,7 @@
 use super::cost::mean_square;
 use super::descent::{Descent, FitResult, not_told};
 use super::problem::{Evaluation, FitError, Problem};
-use super::uncertainty::{Correlation, Information};
+use super::uncertainty::Information;
 use crate::model::{Estimate, ParameterInfo, Structure};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -70,6 +70,7 @@ pub fn profiles(
     let information = Information::of(&best, structure);
     let search = Search {
         spread: information.covariance(),
+        variance_factor: information.variance_factor,
         held: not_told(&problem, structure, &best),
         info: structure.parameters(),
         problem,
@@ -147,6 +148,8 @@ struct Search<'a> {
     best: Evaluation,
     /// Covariance of θ.
     spread: DMatrix<f64>,
+    /// See [`Information`].
+    variance_factor: Vec<f64>,
     info: Vec<ParameterInfo>,
     /// Entries that the data do not tell.
     held: Vec<bool>,
@@ -237,7 +240,7 @@ impl Search<'_> {
         held[k] = true;
         let fit = Descent::holding(&self.problem, self.structure, &theta, held).ok()?;
         let fit = fit.run(EVALUATIONS).into_result();
-        let ratio = likelihood_ratio(&self.best, &fit.best);
+        let ratio = likelihood_ratio(&self.best, &fit.best, self.variance_factor[k]);
         let point = Point {
             distance: side * (fit.best.theta[k] - self.best.theta[k]),
             root: ratio.max(0.0).sqrt(),
@@ -267,12 +270,12 @@ fn between(inside: &Point, outside: Option<(f64, Option<f64>)>, farthest: f64) -
     }
 }
 
-/// Twice the difference of log-likelihoods of two evaluations, scaled as standard errors are (McCullagh and Nelder 1989,
-/// 9.2): by the misfit of the best where it is more than the declared noise, and for as many independent offsets as it
-/// leaves.
-fn likelihood_ratio(best: &Evaluation, other: &Evaluation) -> f64 {
+/// Twice the difference of log-likelihoods of two evaluations over the factor by which the misfit of the best and how its
+/// offsets hang together enlarge the variance of the entry that differs: scaled as its standard error is (McCullagh and
+/// Nelder 1989, 9.2).
+fn likelihood_ratio(best: &Evaluation, other: &Evaluation, variance_factor: f64) -> f64 {
     let [least, more] = [best, other].map(mean_square);
-    Correlation::of(best).effective_rows(best.len()) * (more - least) / least.max(1.0)
+    best.len() as f64 * (more - least) / variance_factor
 }
 
 #[cfg(test)]

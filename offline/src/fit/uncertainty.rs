@@ -1,9 +1,10 @@
 //! Standard errors of a fit, with the correlation of the residual taken into account.
 
 use super::cost::{normal_equations, weighted};
+use super::hanging_together::gradient_covariance;
 use super::problem::Evaluation;
 use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// How alike neighbouring residuals are, and what that does to their information.
@@ -57,8 +58,8 @@ impl Correlation {
         }
     }
 
-    /// Factor on variances: misfit, and the loss of effective sample size of an autoregressive
-    /// residual, (1 + r)/(1 − r) in time and along the rope.
+    /// Factor on the variance of a mean: misfit, and the loss of effective sample size of an autoregressive
+    /// residual, (1 + r)/(1 − r) in time and along the rope. Few slopes lose as much.
     pub fn variance_factor(&self) -> f64 {
         let loss = |r: f64| (1.0 + r) / (1.0 - r);
         self.reduced_chi_square.max(1.0) * loss(self.in_time) * loss(self.along_rope)
@@ -79,12 +80,12 @@ pub fn covariance(evaluation: &Evaluation, structure: &Structure) -> DMatrix<f64
 
 /// What the data and the prior tell of θ.
 pub(super) struct Information {
-    /// Factor on variances.
-    factor: f64,
-    /// See [`told`].
-    told: DMatrix<f64>,
-    /// Of the entries that the data tell; none where they do not tell all of these.
-    factored: Option<Cholesky<f64, Dyn>>,
+    /// Covariance, without what Poisson's ratio may have moved where the data do not tell it; infinite where they do not
+    /// tell some other entry.
+    own: DMatrix<f64>,
+    /// How many times as large the variance of each entry of θ that the data tell is as if the offsets were independent
+    /// and as large as declared.
+    pub variance_factor: Vec<f64>,
     /// How far the width of the prior in Poisson's ratio may have moved each entry of θ; nothing where the data tell
     /// it.
     pub ratio_shift: Vec<f64>,
@@ -93,35 +94,76 @@ pub(super) struct Information {
 impl Information {
     pub fn of(evaluation: &Evaluation, structure: &Structure) -> Self {
         let info = structure.parameters();
+        let prior = DMatrix::from_diagonal(&DVector::from_iterator(
+            info.len(),
+            info.iter().map(|p| p.prior_sd.powi(-2)),
+        ));
         let told = told(evaluation);
-        let hessian = shrunk_hessian(evaluation, &info);
-        let factored = (told.tr_mul(&hessian) * &told).cholesky();
-        let ratio_shift = match &factored {
-            _ if told.ncols() == info.len() => vec![0.0; info.len()],
-            None => vec![f64::INFINITY; info.len()],
-            Some(factored) => {
-                let mut moved = -(&told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
-                moved[POISSON] = 1.0;
-                moved *= info[POISSON].prior_sd;
-                moved.data.into()
-            }
-        };
+        let of_told = |matrix: &DMatrix<f64>| told.tr_mul(matrix) * &told;
+        let (_, jacobian, _) = weighted(evaluation);
+        let data = jacobian.tr_mul(&jacobian);
+        let gradient = gradient_covariance(evaluation, &Correlation::of(evaluation));
+        let information = of_least_squares(&of_told(&data), &of_told(&gradient));
+        let own = (information + of_told(&prior)).cholesky();
+        let infinite = || DMatrix::from_diagonal_element(info.len(), info.len(), f64::INFINITY);
         Self {
-            factor: Correlation::of(evaluation).variance_factor(),
-            told,
-            factored,
-            ratio_shift,
+            own: own.map_or_else(infinite, |own| &told * own.inverse() * told.transpose()),
+            variance_factor: (&told
+                * variance_factors(&of_told(&(data + &prior)), &of_told(&(gradient + &prior))))
+            .data
+            .into(),
+            ratio_shift: ratio_shift(evaluation, &info, &told),
         }
     }
 
     /// See [`covariance`].
     pub fn covariance(&self) -> DMatrix<f64> {
-        let n = self.ratio_shift.len();
-        let Some(factored) = &self.factored else {
-            return DMatrix::from_diagonal_element(n, n, f64::INFINITY);
-        };
         let moved = DVector::from_column_slice(&self.ratio_shift);
-        &self.told * (factored.inverse() * self.factor) * self.told.transpose() + &moved * moved.transpose()
+        &self.own + &moved * moved.transpose()
+    }
+}
+
+/// Information of least squares from its Hessian H and the covariance M of its gradient: H M⁻¹ H, the inverse of the
+/// sandwich covariance, which what the data do not tell leaves finite.
+fn of_least_squares(hessian: &DMatrix<f64>, gradient: &DMatrix<f64>) -> DMatrix<f64> {
+    let roots = hessian.diagonal().map(|h| if h > 0.0 { h.sqrt() } else { 1.0 });
+    let scales = &roots * roots.transpose();
+    let scaled = gradient.component_div(&scales);
+    let least = SINGULAR * scaled.trace().max(1.0);
+    let slight = DMatrix::from_diagonal_element(roots.len(), roots.len(), least);
+    let Some(factored) = (scaled + slight).cholesky() else {
+        return DMatrix::zeros(roots.len(), roots.len());
+    };
+    let hessian = hessian.component_div(&scales);
+    (hessian.tr_mul(&factored.solve(&hessian))).component_mul(&scales)
+}
+
+/// How many times as large the variances of an estimate are with this covariance of its gradient as with its Hessian for
+/// that.
+fn variance_factors(hessian: &DMatrix<f64>, gradient: &DMatrix<f64>) -> DVector<f64> {
+    let Some(factored) = hessian.clone().cholesky() else {
+        return DVector::repeat(hessian.nrows(), f64::INFINITY);
+    };
+    let alone = factored.inverse();
+    (&alone * gradient * &alone)
+        .diagonal()
+        .component_div(&alone.diagonal())
+}
+
+/// See [`Information::ratio_shift`].
+fn ratio_shift(evaluation: &Evaluation, info: &[ParameterInfo], told: &DMatrix<f64>) -> Vec<f64> {
+    if told.ncols() == info.len() {
+        return vec![0.0; info.len()];
+    }
+    let hessian = shrunk_hessian(evaluation, info);
+    match (told.tr_mul(&hessian) * told).cholesky() {
+        None => vec![f64::INFINITY; info.len()],
+        Some(factored) => {
+            let mut moved = -(told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
+            moved[POISSON] = 1.0;
+            moved *= info[POISSON].prior_sd;
+            moved.data.into()
+        }
     }
 }
 
@@ -161,6 +203,8 @@ pub fn shift_by(evaluation: &Evaluation, structure: &Structure, errors_m: &[f64]
     }
 }
 
+/// Share of the variance of a gradient that keeps its covariance from being singular.
+const SINGULAR: f64 = 1e-12;
 /// Share of the prior's standard deviation above which a parameter counts as not identified.
 const IDENTIFIED_SHARE: f64 = 0.5;
 /// How far the model's own bending stiffness may be off on the coarsest grid that the program takes

@@ -1,0 +1,161 @@
+//! What offsets that hang together do to an estimate: the sandwich covariance of least squares under noise that is
+//! autoregressive in time and along the rope (White 1980; the noise's form is [`Correlation`]'s).
+//!
+//! The loss of effective sample size, (1 + r)/(1 − r), is that of a mean. Slopes that change along the rope and over time
+//! lose less, because neighbours' errors partly cancel in them.
+
+use super::cost::weighted;
+use super::problem::Evaluation;
+use super::uncertainty::Correlation;
+use crate::observe::Row;
+use nalgebra::DMatrix;
+
+/// Covariance of the gradient of the cost, Σᵢⱼ gᵢ Rᵢⱼ gⱼᵀ with gᵢ the row's part of it and R the correlation of the
+/// whitened offsets, times their mean square where that is more than one.
+pub(super) fn gradient_covariance(evaluation: &Evaluation, correlation: &Correlation) -> DMatrix<f64> {
+    let (_, jacobian, roots) = weighted(evaluation);
+    let n = jacobian.ncols();
+    let mut sum = DMatrix::zeros(n, n);
+    let mut first = 0;
+    for rows in &evaluation.rows {
+        let own = DMatrix::from_fn(rows.len(), n, |i, k| roots[first + i] * jacobian[(first + i, k)]);
+        sum += of_demonstration(rows, &own, correlation);
+        first += rows.len();
+    }
+    sum * correlation.reduced_chi_square.max(1.0)
+}
+
+/// The same of one demonstration, as vectors at the places that were seen: the correlation is a product of one in time
+/// and one along the rope, and each is two passes of a filter.
+fn of_demonstration(rows: &[Row], gradients: &DMatrix<f64>, correlation: &Correlation) -> DMatrix<f64> {
+    let count = |index: fn(&Row) -> usize| rows.iter().map(index).max().map_or(0, |last| last + 1);
+    let (frames, stations) = (count(|row| row.frame), count(|row| row.station));
+    let place = |row: &Row, axis: usize| (row.frame * stations + row.station) * 3 + axis;
+    let n = gradients.ncols();
+    let mut seen = DMatrix::zeros(frames * stations * 3, n);
+    for (i, row) in rows.iter().enumerate() {
+        for (axis, part) in row.direction.iter().enumerate() {
+            for k in 0..n {
+                seen[(place(row, axis), k)] += part * gradients[(i, k)];
+            }
+        }
+    }
+    let mut correlated = seen.clone();
+    for mut column in correlated.column_iter_mut() {
+        let column = column.as_mut_slice();
+        for start in (0..frames).flat_map(|f| (0..3).map(move |axis| f * stations * 3 + axis)) {
+            filter(column, (start, 3, stations), correlation.along_rope);
+        }
+        for start in 0..stations * 3 {
+            filter(column, (start, stations * 3, frames), correlation.in_time);
+        }
+    }
+    seen.tr_mul(&correlated)
+}
+
+/// Σⱼ r^|i−j| xⱼ in place, over `count` entries from `start`, `stride` apart.
+fn filter(x: &mut [f64], (start, stride, count): (usize, usize, usize), r: f64) {
+    let mut before = 0.0;
+    let forward: Vec<f64> = (0..count)
+        .map(|i| {
+            before = x[start + i * stride] + r * before;
+            before
+        })
+        .collect();
+    let mut after = 0.0;
+    for i in (0..count).rev() {
+        let own = x[start + i * stride];
+        x[start + i * stride] = forward[i] + r * after;
+        after = own + r * after;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench_diagnosis::noise::correlated;
+    use crate::fit::covariance;
+    use crate::model::Structure;
+    use nalgebra::DVector;
+
+    #[test]
+    fn a_filter_sums_what_hangs_together() {
+        let x = [1.0, -2.0, 0.5, 3.0, 7.0, 1.5];
+        for (start, stride, count) in [(0, 1, 6), (1, 2, 3)] {
+            let mut y = x;
+            filter(&mut y, (start, stride, count), 0.6);
+            for i in 0..count {
+                let sum: f64 = (0..count)
+                    .map(|j| 0.6_f64.powi(i.abs_diff(j) as i32) * x[start + j * stride])
+                    .sum();
+                assert!((y[start + i * stride] - sum).abs() < 1e-12);
+            }
+        }
+    }
+
+    const FRAMES: usize = 40;
+    const STATIONS: usize = 12;
+    const SIGMA_M: f64 = 1e-3;
+
+    /// Offsets that are noise, alike in time and along the rope, and slopes of two parameters: one moves the whole rope
+    /// all the time, the other a bend of it that comes and goes. Both by so much that their priors tell nothing.
+    fn evaluation(seed: u64) -> Evaluation {
+        let noise = correlated(FRAMES, STATIONS, SIGMA_M, [0.6, 0.7], seed);
+        let row = |i: usize| Row {
+            frame: i / 3 / STATIONS,
+            station: i / 3 % STATIONS,
+            arc_m: 0.0,
+            position_m: [0.0; 3],
+            direction: std::array::from_fn(|k| if k == i % 3 { 1.0 } else { 0.0 }),
+            offset_m: noise[i / 3 / STATIONS][i / 3 % STATIONS][i % 3],
+            sigma_m: SIGMA_M,
+        };
+        let rows: Vec<Row> = (0..3 * FRAMES * STATIONS).map(row).collect();
+        let wave = |at: usize, of: usize| (std::f64::consts::TAU * at as f64 / of as f64).sin();
+        let slopes = |i: usize, k: usize| match k {
+            0 => 20.0 * SIGMA_M * [1.0, 0.5, 0.0][i % 3],
+            _ => {
+                100.0
+                    * SIGMA_M
+                    * [0.0, 1.0, 1.0][i % 3]
+                    * wave(rows[i].station, STATIONS)
+                    * wave(rows[i].frame, 20)
+            }
+        };
+        let jacobian = DMatrix::from_fn(rows.len(), 2, slopes);
+        Evaluation {
+            theta: vec![14.0, 0.3],
+            most_rows: rows.len(),
+            rows: vec![rows],
+            jacobian,
+        }
+    }
+
+    /// Standard errors are as large as estimates from fresh noise scatter, for both parameters; by the effective sample
+    /// size alone the second's would be nearly twice as large.
+    #[test]
+    fn standard_errors_are_what_estimates_scatter_by() {
+        let structure = Structure::default();
+        let (draws, mut squares, mut said) = (600, [0.0; 2], [0.0; 2]);
+        for seed in 0..draws {
+            let evaluation = evaluation(seed);
+            let jacobian = evaluation.whitened_jacobian();
+            let residual = DVector::from_row_slice(evaluation.whitened().as_slice());
+            let normal = jacobian.tr_mul(&jacobian).cholesky().unwrap();
+            let estimate = normal.solve(&jacobian.tr_mul(&residual));
+            let covariance = covariance(&evaluation, &structure);
+            for k in 0..2 {
+                squares[k] += estimate[k] * estimate[k] / draws as f64;
+                said[k] += covariance[(k, k)].sqrt() / draws as f64;
+            }
+        }
+        let factor = Correlation::of(&evaluation(1)).variance_factor();
+        for k in 0..2 {
+            let ratio = said[k] / squares[k].sqrt();
+            assert!((0.9..1.1).contains(&ratio), "{k}: {ratio}");
+        }
+        let jacobian = evaluation(1).whitened_jacobian();
+        let of_a_mean = (factor / jacobian.column(1).norm_squared()).sqrt();
+        assert!(of_a_mean > 1.5 * said[1], "{of_a_mean} {}", said[1]);
+    }
+}
