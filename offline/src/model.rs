@@ -122,6 +122,14 @@ impl Structure {
         list
     }
 
+    /// Entries of θ that a fit took to the end of their range: what is there may be more, and how much at least a profile
+    /// says. Where an effect vanishes is no such end.
+    pub fn at_an_end(&self, theta: &[f64]) -> Vec<usize> {
+        let entries = self.parameters().into_iter().zip(theta).enumerate();
+        let ends = entries.filter(|(_, (p, value))| p.ends_at(**value));
+        ends.map(|(k, _)| k).collect()
+    }
+
     /// θ of a rope with this structure whose effects all vanish.
     pub fn start(&self, young_pa: f64) -> Vec<f64> {
         let mut theta = vec![young_pa.ln(), POISSON_PRIOR[0]];
@@ -172,4 +180,21 @@ pub struct Estimate {
     pub standard_error: f64,
     /// Whether the data say anything about it beyond the prior.
     pub identified: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A mass at the end of its range, beside gravity that leans nowhere in one direction.
+    #[test]
+    fn what_is_nothing_is_at_no_end_of_its_range() {
+        let ids = ["tip_mass", "tilted_gravity"].map(String::from);
+        let structure = Structure::of_ids(&ids);
+        let info = structure.parameters();
+        let theta = |mass_kg| [14.0, 0.3, mass_kg, 0.0, 0.01];
+        assert_eq!(structure.at_an_end(&theta(info[2].high)), [2]);
+        assert_eq!(structure.at_an_end(&theta(0.5 * info[2].high)), [] as [usize; 0]);
+        assert_eq!(structure.at_an_end(&theta(info[2].prior_mean)), [] as [usize; 0]);
+    }
 }

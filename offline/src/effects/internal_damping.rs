@@ -42,8 +42,8 @@ pub const SPEC: EffectSpec = EffectSpec {
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    physics.memory_laws.push(Box::new(Maxwell {
+    physics.memory_laws.push(Maxwell {
         share: T::of(QUICK_MODULUS),
         time_s: values[0].scale(1.0 / QUICK_MODULUS),
-    }));
+    });
 }

@@ -16,13 +16,13 @@
 //! 2. Add `dust` to `registry!` below, and its `mod` line.
 //!
 //! Nothing else knows effects by name: simulator, fit, diagnosis and report read the registry. The
-//! kinds of laws, each a list of [`Physics`] and a trait in [`crate::sim::physics`], are
+//! kinds of laws, each a list of [`Physics`] and a trait, or one type, in [`crate::sim::physics`], are
 //!
 //! | an effect that changes | appends to | gives |
 //! |---|---|---|
 //! | a force on the rope | `force_laws` | N on a piece of rope, from place, velocity, tangent |
 //! | the stress along the axis | `axial_laws` | coefficient of the cube of the strain |
-//! | the stress by the history of strain | `memory_laws` | a delay, and viscosities behind it |
+//! | the stress by the history of strain | `memory_laws` | modulus and relaxation time of a [`crate::sim::physics::Maxwell`] element |
 //! | the shape at rest | `shape_laws` | natural curvature along the rope |
 //! | the shape for good | `flow_laws` | the strain below which nothing flows, the factor that brings a larger one back |
 //! | the bending stiffness | `bending_laws` | a factor per slice |

@@ -41,9 +41,9 @@ const fn share(name: &'static str) -> ParameterSpec {
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
     for (&share, time_s) in values.iter().zip(TIMES_S) {
-        physics.memory_laws.push(Box::new(Maxwell {
+        physics.memory_laws.push(Maxwell {
             share,
             time_s: T::of(time_s),
-        }));
+        });
     }
 }

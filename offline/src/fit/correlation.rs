@@ -1,31 +1,96 @@
-//! What offsets that hang together do to an estimate: the sandwich covariance of least squares under noise that is
-//! autoregressive in time and along the rope (White 1980; the noise's form is [`Correlation`]'s).
-//!
-//! The loss of effective sample size, (1 + r)/(1 − r), is that of a mean. Slopes that change along the rope and over time
-//! lose less, because neighbours' errors partly cancel in them.
+//! How alike neighbouring offsets are, in time and along the rope, and what that does to an estimate.
 
-use super::cost::weighted;
 use super::problem::Evaluation;
-use super::uncertainty::Correlation;
 use crate::observe::Row;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
-/// Covariance of the gradient of the cost, Σᵢⱼ gᵢ Rᵢⱼ gⱼᵀ with gᵢ the row's part of it and R the correlation of the
-/// whitened offsets, times their mean square where that is more than one.
-pub(super) fn gradient_covariance(evaluation: &Evaluation, correlation: &Correlation) -> DMatrix<f64> {
-    let (_, jacobian, roots) = weighted(evaluation);
-    let n = jacobian.ncols();
-    let mut sum = DMatrix::zeros(n, n);
-    let mut first = 0;
-    for rows in &evaluation.rows {
-        let own = DMatrix::from_fn(rows.len(), n, |i, k| roots[first + i] * jacobian[(first + i, k)]);
-        sum += of_demonstration(rows, &own, correlation);
-        first += rows.len();
-    }
-    sum * correlation.reduced_chi_square.max(1.0)
+/// How alike neighbouring residuals are, and what that does to their information.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Correlation {
+    /// Between successive frames at one station.
+    pub in_time: f64,
+    /// Between neighbouring stations of one frame.
+    pub along_rope: f64,
+    /// Mean square of the whitened residual: 1 for a perfect model with the right noise.
+    pub reduced_chi_square: f64,
 }
 
-/// The same of one demonstration, as vectors at the places that were seen: the correlation is a product of one in time
+impl Correlation {
+    /// Measured on the whitened residual.
+    pub fn of(evaluation: &Evaluation) -> Self {
+        let mut sums = [(0.0, 0.0), (0.0, 0.0)];
+        let mut square = 0.0;
+        for rows in &evaluation.rows {
+            for (i, a) in rows.iter().enumerate() {
+                let ra = a.offset_m / a.sigma_m;
+                square += ra * ra;
+                for b in rows[i + 1..].iter().take_while(|b| b.frame <= a.frame + 1) {
+                    let neighbours = [
+                        b.frame == a.frame + 1 && b.station == a.station,
+                        b.frame == a.frame && b.station == a.station + 1,
+                    ];
+                    // Rows are compared as vectors: parts along different directions do not mix.
+                    let alike: f64 = (0..3).map(|k| a.direction[k] * b.direction[k]).sum();
+                    let rb = b.offset_m / b.sigma_m;
+                    for (sum, &neighbour) in sums.iter_mut().zip(&neighbours) {
+                        if neighbour {
+                            sum.0 += ra * rb * alike;
+                            sum.1 += 0.5 * (ra * ra + rb * rb) * alike * alike;
+                        }
+                    }
+                }
+            }
+        }
+        let ratio = |(product, norm): (f64, f64)| {
+            if norm > 0.0 {
+                (product / norm).clamp(0.0, 0.99)
+            } else {
+                0.0
+            }
+        };
+        Self {
+            in_time: ratio(sums[0]),
+            along_rope: ratio(sums[1]),
+            reduced_chi_square: square / evaluation.len() as f64,
+        }
+    }
+
+    /// Factor on the variance of a mean: misfit, and the loss of effective sample size of an autoregressive
+    /// residual, (1 + r)/(1 − r) in time and along the rope. Few slopes lose as much.
+    pub fn variance_factor(&self) -> f64 {
+        let loss = |r: f64| (1.0 + r) / (1.0 - r);
+        self.reduced_chi_square.max(1.0) * loss(self.in_time) * loss(self.along_rope)
+    }
+
+    /// Number of independent residuals that carry the same information as `rows` correlated ones.
+    pub fn effective_rows(&self, rows: usize) -> f64 {
+        let keep = |r: f64| (1.0 - r) / (1.0 + r);
+        rows as f64 * keep(self.in_time) * keep(self.along_rope)
+    }
+
+    /// Covariance of the gradient of the cost, Σᵢⱼ gᵢ Rᵢⱼ gⱼᵀ with gᵢ the row's part of it and R the correlation of the
+    /// whitened offsets, times their mean square where that is more than one: the middle of the sandwich covariance of
+    /// least squares (White 1980). The loss of effective sample size is that of a mean; slopes that change along the rope
+    /// and over time lose less, because neighbours' errors partly cancel in them.
+    pub(super) fn gradient_covariance(
+        &self,
+        rows: &[Vec<Row>],
+        (weighted_jacobian, roots): (&DMatrix<f64>, &DVector<f64>),
+    ) -> DMatrix<f64> {
+        let n = weighted_jacobian.ncols();
+        let mut sum = DMatrix::zeros(n, n);
+        let mut first = 0;
+        for rows in rows {
+            let part = |i: usize, k: usize| roots[first + i] * weighted_jacobian[(first + i, k)];
+            sum += of_demonstration(rows, &DMatrix::from_fn(rows.len(), n, part), self);
+            first += rows.len();
+        }
+        sum * self.reduced_chi_square.max(1.0)
+    }
+}
+
+/// The sum of [`Correlation::gradient_covariance`] over one demonstration, as vectors at the places that were seen: the correlation is a product of one in time
 /// and one along the rope, and each is two passes of a filter.
 fn of_demonstration(rows: &[Row], gradients: &DMatrix<f64>, correlation: &Correlation) -> DMatrix<f64> {
     let count = |index: fn(&Row) -> usize| rows.iter().map(index).max().map_or(0, |last| last + 1);
@@ -76,7 +141,6 @@ mod tests {
     use crate::bench_diagnosis::noise::correlated;
     use crate::fit::covariance;
     use crate::model::Structure;
-    use nalgebra::DVector;
 
     #[test]
     fn a_filter_sums_what_hangs_together() {

@@ -2,10 +2,10 @@
 //! (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
 use super::broyden::Traced;
+use super::correlation::Correlation;
 use super::cost::{cost_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
-use super::profile::at_an_end;
-use super::uncertainty::{Correlation, POISSON, tells_poisson};
+use super::uncertainty::{POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -278,7 +278,7 @@ impl<'a> Descent<'a> {
 
     /// Whether an effect is at an end of its range at the best iterate so far.
     fn at_an_end(&self) -> bool {
-        let ends = at_an_end(&self.structure, &self.best.evaluation.theta);
+        let ends = self.structure.at_an_end(&self.best.evaluation.theta);
         ends.into_iter().any(|entry| entry > POISSON)
     }
 

@@ -2,9 +2,9 @@
 //! simulator's own tangents, from several starts, with standard errors that hold the noise's part and the grid's.
 
 mod broyden;
+mod correlation;
 mod cost;
 mod descent;
-mod hanging_together;
 mod numerical;
 mod problem;
 mod profile;
@@ -14,14 +14,13 @@ mod share;
 mod solver;
 mod uncertainty;
 
+pub use correlation::Correlation;
 pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
 pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
-pub use profile::{LEVEL, Profile, at_an_end, profiles};
+pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use sensitivity::{flows, turns_in_grip};
 pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_from, fit_starts};
-pub use uncertainty::{
-    Correlation, STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by,
-};
+pub use uncertainty::{STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by};

@@ -46,14 +46,6 @@ pub struct Profile {
     pub better_elsewhere: bool,
 }
 
-/// Entries of θ that a fit took to the end of their range: what is there may be more, and how much at least a profile
-/// says. Where an effect vanishes is no such end.
-pub fn at_an_end(structure: &Structure, theta: &[f64]) -> Vec<usize> {
-    let entries = structure.parameters().into_iter().zip(theta).enumerate();
-    let ends = entries.filter(|(_, (p, value))| p.ends_at(**value));
-    ends.map(|(k, _)| k).collect()
-}
-
 /// Profiles of those `asked` entries of θ that the data may tell, the simulation's own error, `grid_shift` as one
 /// standard error of each entry of θ, added to them.
 ///
@@ -281,24 +273,6 @@ fn likelihood_ratio(best: &Evaluation, other: &Evaluation, variance_factor: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A mass at the end of its range, beside gravity that leans nowhere in one direction.
-    #[test]
-    fn what_is_nothing_is_at_no_end_of_its_range() {
-        let ids = ["tip_mass", "tilted_gravity"].map(String::from);
-        let structure = Structure::of_ids(&ids);
-        let info = structure.parameters();
-        let theta = |mass_kg| [14.0, 0.3, mass_kg, 0.0, 0.01];
-        assert_eq!(at_an_end(&structure, &theta(info[2].high)), [2]);
-        assert_eq!(
-            at_an_end(&structure, &theta(0.5 * info[2].high)),
-            [] as [usize; 0]
-        );
-        assert_eq!(
-            at_an_end(&structure, &theta(info[2].prior_mean)),
-            [] as [usize; 0]
-        );
-    }
 
     #[test]
     fn an_interval_says_where_it_ends_and_where_it_does_not() {

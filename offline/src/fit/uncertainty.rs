@@ -1,76 +1,10 @@
 //! Standard errors of a fit, with the correlation of the residual taken into account.
 
+use super::correlation::Correlation;
 use super::cost::{normal_equations, weighted};
-use super::hanging_together::gradient_covariance;
 use super::problem::Evaluation;
-use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
+use crate::model::{Estimate, POISSON_PRIOR, Structure};
 use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
-
-/// How alike neighbouring residuals are, and what that does to their information.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Correlation {
-    /// Between successive frames at one station.
-    pub in_time: f64,
-    /// Between neighbouring stations of one frame.
-    pub along_rope: f64,
-    /// Mean square of the whitened residual: 1 for a perfect model with the right noise.
-    pub reduced_chi_square: f64,
-}
-
-impl Correlation {
-    /// Measured on the whitened residual.
-    pub fn of(evaluation: &Evaluation) -> Self {
-        let mut sums = [(0.0, 0.0), (0.0, 0.0)];
-        let mut square = 0.0;
-        for rows in &evaluation.rows {
-            for (i, a) in rows.iter().enumerate() {
-                let ra = a.offset_m / a.sigma_m;
-                square += ra * ra;
-                for b in rows[i + 1..].iter().take_while(|b| b.frame <= a.frame + 1) {
-                    let neighbours = [
-                        b.frame == a.frame + 1 && b.station == a.station,
-                        b.frame == a.frame && b.station == a.station + 1,
-                    ];
-                    // Rows are compared as vectors: parts along different directions do not mix.
-                    let alike: f64 = (0..3).map(|k| a.direction[k] * b.direction[k]).sum();
-                    let rb = b.offset_m / b.sigma_m;
-                    for (sum, &neighbour) in sums.iter_mut().zip(&neighbours) {
-                        if neighbour {
-                            sum.0 += ra * rb * alike;
-                            sum.1 += 0.5 * (ra * ra + rb * rb) * alike * alike;
-                        }
-                    }
-                }
-            }
-        }
-        let ratio = |(product, norm): (f64, f64)| {
-            if norm > 0.0 {
-                (product / norm).clamp(0.0, 0.99)
-            } else {
-                0.0
-            }
-        };
-        Self {
-            in_time: ratio(sums[0]),
-            along_rope: ratio(sums[1]),
-            reduced_chi_square: square / evaluation.len() as f64,
-        }
-    }
-
-    /// Factor on the variance of a mean: misfit, and the loss of effective sample size of an autoregressive
-    /// residual, (1 + r)/(1 − r) in time and along the rope. Few slopes lose as much.
-    pub fn variance_factor(&self) -> f64 {
-        let loss = |r: f64| (1.0 + r) / (1.0 - r);
-        self.reduced_chi_square.max(1.0) * loss(self.in_time) * loss(self.along_rope)
-    }
-
-    /// Number of independent residuals that carry the same information as `rows` correlated ones.
-    pub fn effective_rows(&self, rows: usize) -> f64 {
-        let keep = |r: f64| (1.0 - r) / (1.0 + r);
-        rows as f64 * keep(self.in_time) * keep(self.along_rope)
-    }
-}
 
 /// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
 /// others what that width may have moved them ("consider" covariance, Schmidt 1966).
@@ -94,25 +28,24 @@ pub(super) struct Information {
 impl Information {
     pub fn of(evaluation: &Evaluation, structure: &Structure) -> Self {
         let info = structure.parameters();
-        let prior = DMatrix::from_diagonal(&DVector::from_iterator(
-            info.len(),
-            info.iter().map(|p| p.prior_sd.powi(-2)),
-        ));
+        let precisions = info.iter().map(|p| p.prior_sd.powi(-2));
+        let prior = DMatrix::from_diagonal(&DVector::from_iterator(info.len(), precisions));
+        let correlation = Correlation::of(evaluation);
+        let (_, jacobian, roots) = weighted(evaluation);
+        let data = jacobian.tr_mul(&jacobian);
+        let gradient = correlation.gradient_covariance(&evaluation.rows, (&jacobian, &roots));
         let told = told(evaluation);
         let of_told = |matrix: &DMatrix<f64>| told.tr_mul(matrix) * &told;
-        let (_, jacobian, _) = weighted(evaluation);
-        let data = jacobian.tr_mul(&jacobian);
-        let gradient = gradient_covariance(evaluation, &Correlation::of(evaluation));
         let information = of_least_squares(&of_told(&data), &of_told(&gradient));
         let own = (information + of_told(&prior)).cholesky();
         let infinite = || DMatrix::from_diagonal_element(info.len(), info.len(), f64::INFINITY);
+        let factors = variance_factors(&of_told(&(&data + &prior)), &of_told(&(gradient + &prior)));
+        // Correlated offsets count no more than they tell. The prior is not data: it does not shrink with them.
+        let shrunk = data + prior * correlation.variance_factor();
         Self {
             own: own.map_or_else(infinite, |own| &told * own.inverse() * told.transpose()),
-            variance_factor: (&told
-                * variance_factors(&of_told(&(data + &prior)), &of_told(&(gradient + &prior))))
-            .data
-            .into(),
-            ratio_shift: ratio_shift(evaluation, &info, &told),
+            variance_factor: (&told * factors).data.into(),
+            ratio_shift: ratio_shift(&shrunk, &told, info[POISSON].prior_sd),
         }
     }
 
@@ -151,31 +84,20 @@ fn variance_factors(hessian: &DMatrix<f64>, gradient: &DMatrix<f64>) -> DVector<
 }
 
 /// See [`Information::ratio_shift`].
-fn ratio_shift(evaluation: &Evaluation, info: &[ParameterInfo], told: &DMatrix<f64>) -> Vec<f64> {
-    if told.ncols() == info.len() {
-        return vec![0.0; info.len()];
+fn ratio_shift(hessian: &DMatrix<f64>, told: &DMatrix<f64>, prior_sd: f64) -> Vec<f64> {
+    let n = hessian.nrows();
+    if told.ncols() == n {
+        return vec![0.0; n];
     }
-    let hessian = shrunk_hessian(evaluation, info);
-    match (told.tr_mul(&hessian) * told).cholesky() {
-        None => vec![f64::INFINITY; info.len()],
+    match (told.tr_mul(hessian) * told).cholesky() {
+        None => vec![f64::INFINITY; n],
         Some(factored) => {
             let mut moved = -(told * factored.solve(&told.tr_mul(&hessian.column(POISSON))));
             moved[POISSON] = 1.0;
-            moved *= info[POISSON].prior_sd;
+            moved *= prior_sd;
             moved.data.into()
         }
     }
-}
-
-/// The Hessian of a cost in which correlated offsets count no more than they tell. The prior is not data: only the
-/// data's information shrinks with correlation.
-fn shrunk_hessian(evaluation: &Evaluation, info: &[ParameterInfo]) -> DMatrix<f64> {
-    let (mut hessian, _) = normal_equations(evaluation, info);
-    let factor = Correlation::of(evaluation).variance_factor();
-    for (k, p) in info.iter().enumerate() {
-        hessian[(k, k)] += (factor - 1.0) / p.prior_sd.powi(2);
-    }
-    hessian
 }
 
 /// What makes θ of the entries that the data tell: the unit matrix without the columns of the others.

@@ -3,7 +3,7 @@
 
 use super::settings::{Inputs, RunSettings};
 use crate::diagnose::{LoopOptions, problems};
-use crate::fit::{FitResult, Profile, at_an_end, profiles};
+use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ pub fn profile(
     let entries = if asked {
         (0..wanted.theta.len()).collect()
     } else {
-        at_an_end(of.structure, &wanted.theta)
+        of.structure.at_an_end(&wanted.theta)
     };
     if entries.is_empty() {
         return Ok(Vec::new());

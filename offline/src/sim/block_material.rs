@@ -9,7 +9,7 @@ use super::elastic::{Lame, Strained, Straining, StressDifferential, isotropic, t
 use super::flow::Flowed;
 use super::lanes::{Instructions, Laned, Lanes, channel, channels};
 use super::material::{Material, remembered};
-use super::physics::MemoryLaw;
+use super::physics::Maxwell;
 use super::step::StepContext;
 use super::tensor::{Mat3, matadd, zero3};
 use std::ops::Range;
@@ -39,12 +39,12 @@ struct Element<L> {
 
 impl<L: Lanes> Element<L> {
     fn new<T: Laned<Plain<I> = L, Base = L::Scalar>, I: Instructions>(
-        law: &dyn MemoryLaw<T>,
+        law: &Maxwell<T>,
         context: &StepContext<T>,
         [blocks, members]: [usize; 2],
         spacing_m: f64,
     ) -> Self {
-        let [keep, take] = remembered(law.delay_s(), context.dt_s);
+        let [keep, take] = remembered(law.time_s, context.dt_s);
         Self {
             keep: channels::<T, I>(keep),
             take: channels::<T, I>(take.scale(1.0 / spacing_m)),
@@ -158,7 +158,7 @@ impl<L: Lanes> BlockMaterial<L> {
             flowed: flows.then(|| Flowed::new::<T, I>(&physics.flow_laws, material, [blocks, members])),
             bending,
             elements: elements
-                .map(|law| Element::new::<T, I>(&**law, context, [blocks, members], spacing_m))
+                .map(|law| Element::new::<T, I>(law, context, [blocks, members], spacing_m))
                 .collect(),
             cubic_pa: cubic_pa.map_or_else(Vec::new, |k| channels::<T, I>(k)),
             stretched: vec![Stretched::new([L::one(), L::zero(), L::zero()]); members],

@@ -102,7 +102,7 @@ impl<T: Real> Material<T> {
             }
         }
         for (law, memories) in physics.memory_laws.iter().zip(&mut self.memories) {
-            let [keep, take] = remembered(law.delay_s(), dt_s);
+            let [keep, take] = remembered(law.time_s, dt_s);
             for (index, memory) in memories.iter_mut().enumerate() {
                 let (f, rate) = motion(index);
                 let rate = strain_rate_twice(f, rate);

@@ -131,18 +131,9 @@ pub trait AxialLaw<T: Real>: Send + Sync {
     fn cubic_pa(&self, lame: &Lame<T>) -> T;
 }
 
-/// A stress that follows the rate of strain with a delay: S = 2 μ' E' + λ' tr(E') I, where E' follows the rate of
-/// the Green strain with the delay. It is zero at the start.
-pub trait MemoryLaw<T: Real>: Send + Sync {
-    /// The delay, s.
-    fn delay_s(&self) -> T;
-    /// Viscosities μ' and λ' while the strain changes slowly against the delay, Pa s.
-    fn viscosity(&self, lame: &Lame<T>) -> Lame<T>;
-    /// Moduli while it changes quickly, Pa. The law is stable in a step that is stable for either.
-    fn quick(&self, lame: &Lame<T>) -> Lame<T>;
-}
-
-/// A spring and a dashpot in series beside the elastic solid, with its elastic constants (Maxwell).
+/// A spring and a dashpot in series beside the elastic solid, with its elastic constants (Maxwell): a stress that follows
+/// the rate of strain with a delay, S = 2 μ' E' + λ' tr(E') I, where E' follows the rate of the Green strain with the
+/// delay. It is zero at the start.
 pub struct Maxwell<T> {
     /// Modulus of the spring over the solid's.
     pub share: T,
@@ -150,16 +141,14 @@ pub struct Maxwell<T> {
     pub time_s: T,
 }
 
-impl<T: Real> MemoryLaw<T> for Maxwell<T> {
-    fn delay_s(&self) -> T {
-        self.time_s
-    }
-
-    fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
+impl<T: Real> Maxwell<T> {
+    /// Viscosities μ' and λ' while the strain changes slowly against the delay, Pa s.
+    pub fn viscosity(&self, lame: &Lame<T>) -> Lame<T> {
         lame.times(self.share * self.time_s)
     }
 
-    fn quick(&self, lame: &Lame<T>) -> Lame<T> {
+    /// Moduli while it changes quickly, Pa. The law is stable in a step that is stable for either.
+    pub fn quick(&self, lame: &Lame<T>) -> Lame<T> {
         lame.times(self.share)
     }
 }
@@ -274,7 +263,7 @@ pub struct Physics<T> {
     /// Stresses along the axis besides elasticity.
     pub axial_laws: Vec<Box<dyn AxialLaw<T>>>,
     /// Stresses with a memory.
-    pub memory_laws: Vec<Box<dyn MemoryLaw<T>>>,
+    pub memory_laws: Vec<Maxwell<T>>,
     /// Forces besides weight and contact.
     pub force_laws: Vec<Box<dyn ForceLaw<T>>>,
     /// Changes of mass.
