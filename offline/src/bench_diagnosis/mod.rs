@@ -4,13 +4,15 @@
 //! Data flows one way: [`experiment`] says what is done with the rope, a [`reality`] plays it, [`truth`]
 //! finds how large a cause must be to be seen that well and keeps what really happened, [`noise`] spoils
 //! it, [`cells`] lists what is diagnosed, [`run`] does so and keeps every answer, [`mod@follow_up`] makes the
-//! demonstration that an answer proposes, [`mod@tally`] counts and [`mod@table`] prints.
+//! demonstration that an answer proposes, [`mod@tally`] counts, `ablations` compares with what is said without a part of
+//! the method, and [`mod@table`] prints.
 //!
 //! No reality is the fitter's own simulation. G2 is the simulator with other particles on a grid finer by
 //! a half with half the time step ([`reality::Finer`]); G3 is the independent rod of the crate `tests`,
 //! which this crate cannot and must not call: its program `twin-truths` writes what happened to the
 //! folder in which `offline bench-diagnosis` looks for it.
 
+mod ablations;
 pub mod cells;
 pub mod experiment;
 pub mod follow_up;

@@ -7,7 +7,7 @@ use super::follow_up::{FollowUp, follow_up};
 use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
 use crate::demo::Demo;
-use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Verdict, close_loop};
+use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
 use crate::effects;
 use crate::fit::Resolution;
 use crate::model::Structure;
@@ -78,6 +78,9 @@ pub struct Answer {
     pub fitted_mm: [f64; 3],
     /// Discretisation error that the first round estimated, mm.
     pub discretisation_mm: f64,
+    /// Effects whose score was significant in the first round; none where nothing was left to score.
+    #[serde(default)]
+    pub significant: Option<Vec<String>>,
     /// Every refit: effect and the gates that it failed.
     pub refits: Vec<(String, Vec<String>)>,
     /// Time of the diagnosis, s.
@@ -202,6 +205,7 @@ fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
         held_out_mm: [0.0; 3],
         fitted_mm: [0.0; 3],
         discretisation_mm: 0.0,
+        significant: None,
         refits: Vec::new(),
         wall_s,
         follow_up: None,
@@ -244,6 +248,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
             fitted.floor_mm,
         ],
         discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
+        significant: outcome.rounds.first().map(significant),
         refits: outcome
             .rounds
             .iter()
@@ -259,6 +264,12 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         wall_s,
         follow_up: None,
     }
+}
+
+/// Effects whose score is significant in a round.
+fn significant(round: &Round) -> Vec<String> {
+    let scores = round.table.scores.iter().filter(|score| score.significant());
+    scores.map(|score| score.id.clone()).collect()
 }
 
 fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {

@@ -1,8 +1,8 @@
 //! Counts answers: the rows that the benchmark promises, and who was named for whom.
 
+use super::ablations::ablations;
 use super::cells::Kind;
 use super::run::{Answer, Said, Value};
-use crate::diagnose::Part;
 use crate::statistics::{Rate, median};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -50,7 +50,7 @@ pub struct Tally {
     pub ablations: Vec<Line>,
 }
 
-fn same_family(a: &str, b: &str) -> bool {
+pub(super) fn same_family(a: &str, b: &str) -> bool {
     a == b || FAMILIES.iter().any(|f| f.contains(&a) && f.contains(&b))
 }
 
@@ -305,39 +305,6 @@ fn confusion(whole: &[&Answer]) -> BTreeMap<String, BTreeMap<String, usize>> {
     matrix
 }
 
-/// What each part of the method is worth: false alarms and wrong causes without it, on the same data as
-/// with it.
-fn ablations(mine: &[&Answer]) -> Vec<Line> {
-    let wrong = |a: &Answer| {
-        let strange = |named: &String| a.cell.causes.iter().all(|c| !same_family(named, c));
-        a.named.iter().any(strange)
-    };
-    let data = |a: &Answer| (a.cell.truth(), a.cell.noise_seed());
-    let mut lines = Vec::new();
-    for (part, words) in [
-        (Part::Whitening, "whitening"),
-        (Part::Nuisances, "nuisance columns"),
-        (Part::Refinement, "the refinement gate"),
-    ] {
-        let without: Vec<&&Answer> = mine.iter().filter(|a| a.cell.without == Some(part)).collect();
-        let same = |a: &&&Answer| {
-            a.cell.without.is_none() && !a.cell.hidden && without.iter().any(|b| data(b) == data(a))
-        };
-        let with = Rate::of(mine.iter().filter(same).map(|a| wrong(a)));
-        let rate_without = Rate::of(without.iter().map(|a| wrong(a)));
-        lines.push(Line {
-            what: format!("a wrong effect named without {words}"),
-            target: format!("visibly more than with it, {} of {}", with.hits, with.of),
-            figure: Figure::Rate(rate_without),
-            met: match (with.wilson(), rate_without.wilson()) {
-                (Some(a), Some(b)) => Some(b[0] > a[1]),
-                _ => None,
-            },
-        });
-    }
-    lines
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::cells::Cell;
@@ -372,6 +339,7 @@ pub(super) mod tests {
             held_out_mm: [5.0, 1.2, 1.0],
             fitted_mm: [5.0, 1.2, 1.0],
             discretisation_mm: 0.1,
+            significant: None,
             refits: Vec::new(),
             wall_s: 10.0,
             follow_up: None,
@@ -478,24 +446,5 @@ pub(super) mod tests {
             panic!("no share")
         };
         assert!((removed - 23.56 / 24.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn an_ablation_is_compared_with_the_whole_method_on_the_same_data() {
-        let mut answers = Vec::new();
-        for seed in 0..40 {
-            let mut plain = answer(&[], 0.0, &[], &[]);
-            plain.cell.seed = seed;
-            let mut alarmed = answer(&[], 0.0, &["air_drag"], &[]);
-            alarmed.cell.seed = seed;
-            alarmed.cell.without = Some(Part::Whitening);
-            answers.extend([plain, alarmed]);
-        }
-        let tally = tally("g2", &answers, 0.1);
-        let whitening = &tally.ablations[0];
-        assert_eq!(whitening.figure, Figure::Rate(Rate { hits: 40, of: 40 }));
-        assert_eq!(whitening.met, Some(true));
-        assert!(whitening.target.ends_with("0 of 40"), "{}", whitening.target);
-        assert_eq!(tally.ablations[1].met, None);
     }
 }
