@@ -243,6 +243,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
                 ids: vec![rival.0.into()],
                 parameters: Vec::new(),
                 theta: rival.1.to_vec(),
+                cost: 0.0,
                 fit: nothing.clone(),
                 held_out: nothing,
                 gates: Vec::new(),
@@ -250,6 +251,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
             }],
             accepted: vec![found.0.into()],
             dropped: Vec::new(),
+            instead_of: Vec::new(),
         }],
         verdict: Verdict::Confounded {
             found: Vec::new(),

@@ -33,6 +33,12 @@ impl<'c> Batch<'c> {
             least: f64::INFINITY,
         }
     }
+
+    /// The best refit with some of a candidate's effects and no others.
+    pub(super) fn fewer(&self, candidate: &Subset) -> Option<&'c Refit> {
+        let fewer = self.had.iter().filter(|refit| candidate.has_more_than(refit));
+        fewer.min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
 }
 
 /// Effects worth a full refit. First the best `count` with their whole families, because only refits can tell the members

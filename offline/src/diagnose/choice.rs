@@ -1,6 +1,7 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
 use super::gates::{Gate, refinement_gate, superfluous, taken_away_mm};
+use super::memory::KeptModel;
 use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
@@ -69,6 +70,8 @@ pub(super) struct Choice {
     pub(super) refits: Vec<Refit>,
     /// What the winner adds, and the model with it and with those that tie with it.
     pub(super) accepted: Option<(Vec<String>, Standing)>,
+    /// The model with what passed second, the finer grid not asked.
+    pub(super) second: Option<KeptModel>,
 }
 
 impl Choice {
@@ -117,25 +120,49 @@ impl Choice {
         if !refit.passed {
             return;
         }
-        match &mut self.accepted {
-            Some((_, best)) if ties(&best.fitted, &model.fitted) => best.rivals.push(refit.ids.clone()),
-            Some(_) => {}
-            None => self.accepted = Some((refit.ids.clone(), model)),
+        let Some((_, best)) = &mut self.accepted else {
+            self.accepted = Some((refit.ids.clone(), model));
+            return;
+        };
+        if ties(&best.fitted, &model.fitted) {
+            best.rivals.push(refit.ids.clone());
         }
+        self.second.get_or_insert_with(|| KeptModel::of(&model));
     }
 }
 
-/// Sorts refits by what they leave where held out and by how far off somebody must have set up the rig for them, both as
-/// logarithms of a likelihood. Where the data tell much, as nearly always, that is by the held-out error.
+/// Sorts refits, the likeliest first.
 fn sort_by_likelihood(tried: &mut [Tried]) {
-    let held = |t: &Tried| t.refit.held_out.rms_mm;
-    let Some(best) = tried.iter().min_by(|a, b| held(a).total_cmp(&held(b))) else {
+    let Some(rows) = rows_of_best(tried.iter().map(|t| &t.refit.held_out)) else {
         return;
     };
-    // For all alike: what a better model leaves is less correlated, which is no merit of its offsets.
-    let rows = best.refit.held_out.effective_rows;
-    let unlikely = |t: &Tried| rows * held(t).ln() + 0.5 * rig_off(&t.structure, &t.fitted.best.theta);
+    let unlikely = |t: &Tried| {
+        let rig_off = rig_off(&t.structure, &t.fitted.best.theta);
+        unlikely(rows, (&t.refit.held_out, rig_off))
+    };
     tried.sort_by(|a, b| unlikely(a).total_cmp(&unlikely(b)));
+}
+
+/// Whether a model is likelier than another.
+pub(super) fn likelier(one: &Standing, other: &Standing) -> bool {
+    let Some(rows) = rows_of_best([&one.held, &other.held].into_iter()) else {
+        return false;
+    };
+    let unlikely = |m: &Standing| unlikely(rows, (&m.held, rig_off(&m.structure, &m.fitted.best.theta)));
+    unlikely(one) < unlikely(other)
+}
+
+/// Independent offsets of the model that leaves least where held out. They count for all alike: what a better model leaves
+/// is less correlated, which is no merit of its offsets.
+fn rows_of_best<'r>(held: impl Iterator<Item = &'r ResidualSummary>) -> Option<f64> {
+    let best = held.min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))?;
+    Some(best.effective_rows)
+}
+
+/// By what a model leaves where held out and by how far off somebody must have set up the rig for it, both as logarithms of
+/// a likelihood. Where the data tell much, as nearly always, that is by the held-out error.
+fn unlikely(rows: f64, (held, rig_off): (&ResidualSummary, f64)) -> f64 {
+    rows * held.rms_mm.ln() + 0.5 * rig_off
 }
 
 /// How far off a rig is at θ, as the sum of squares of standard scores: somebody levelled its table and placed its
@@ -167,7 +194,7 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
 /// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was
 /// extended by; `before` is what was left without them. The prior is as heavy as it was on the fit's grid: damping beside
 /// a lag was held there at half of what the offsets said, and without that prior the finer grid alone said it all.
-fn refine(
+pub(super) fn refine(
     bench: &Bench,
     model: &Standing,
     added: &[String],
@@ -228,6 +255,7 @@ pub(super) mod tests {
             ids: vec![id.into()],
             parameters: Vec::new(),
             theta: theta.clone(),
+            cost: held_out_mm * held_out_mm,
             fit: left.clone(),
             held_out: left,
             gates: Vec::new(),

@@ -224,6 +224,7 @@ pub(super) mod tests {
                 ids: vec![effects::ALL[0].id.into()],
                 parameters: Vec::new(),
                 theta: Vec::new(),
+                cost: 0.0,
                 fit: nothing.clone(),
                 held_out: nothing,
                 gates: Vec::new(),
@@ -231,6 +232,7 @@ pub(super) mod tests {
             }],
             accepted: Vec::new(),
             dropped: Vec::new(),
+            instead_of: Vec::new(),
         }
     }
 

@@ -125,6 +125,20 @@ pub(super) fn statistical_gates(
     ]
 }
 
+/// The last of several effects must explain as much of what a refit with fewer of them left as an effect alone has to of
+/// what the model leaves.
+pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &LoopOptions) -> Gate {
+    Gate::new(
+        "explained share, beyond fewer",
+        explain_their_share(1, [&fewer.fit, left], options),
+        format!(
+            "{:.0} % of the excess over the noise that {} leaves where fitted",
+            100.0 * excess_removed(&fewer.fit, left, 0.0),
+            effects::together(&fewer.ids)
+        ),
+    )
+}
+
 /// What the effect takes away must be more than it could of data without any: to first order, by its score, or in full,
 /// by its refit, which counts only offsets that are independent in what the poorer of both fits leaves.
 fn significant(candidate: &Subset, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
@@ -327,6 +341,7 @@ mod tests {
                     .map(|v| estimate(*v, 0.1 * v))
                     .collect(),
                 theta: Vec::new(),
+                cost: 0.0,
                 fit: residual(left_mm),
                 held_out: residual(left_mm),
                 gates: Vec::new(),

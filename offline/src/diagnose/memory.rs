@@ -14,6 +14,8 @@ pub struct Memory {
     pub(super) base: KeptFit,
     pub(super) now: KeptModel,
     pub(super) rounds: Vec<Round>,
+    /// What passed second in the first round.
+    pub(super) other: Option<KeptModel>,
 }
 
 /// A fit by where it ended.
@@ -28,7 +30,7 @@ pub(super) struct KeptFit {
 /// A model of the loop by its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct KeptModel {
-    effects: Vec<String>,
+    pub(super) effects: Vec<String>,
     theta: Vec<f64>,
     /// As [`FitResult::prior_weight`].
     prior_weight: f64,

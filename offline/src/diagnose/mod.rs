@@ -1,6 +1,7 @@
 //! Closing the loop: score every effect of the library on the residual from one pass of tangents,
 //! refit the best in full, accept one only where it passes every gate, repeat, and give a verdict. Where none passes
-//! alone, the best pairs and triples of the scores are refitted, because two causes can hide each other.
+//! alone, the best pairs and triples of the scores are refitted, because two causes can hide each other. Where something
+//! is left in the end, the loop begins again with what passed second.
 //!
 //! The statistics follow the score test for freeing a fixed parameter (Rao 1948; modification index
 //! and expected parameter change in structural equation modelling, Saris et al. 2009). Significance
@@ -22,6 +23,7 @@ mod round;
 mod rounds;
 mod score;
 mod verdict;
+mod ways;
 
 pub use force::terms::{STABLE, TermShare};
 pub use force::{DemoForce, ResidualForce, residual_force};

@@ -3,7 +3,9 @@
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::explains;
-use super::gates::{excess_removed, explain_their_share, given_up, smallest_share, statistical_gates};
+use super::gates::{
+    beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
+};
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
@@ -151,19 +153,23 @@ impl<'a> Refits<'a> {
         progress(&format!("refitting with {}", names.join(", ")));
         let heats = self.heats(batch);
         let costs = heats.iter().map(|heat| heat.1.cost());
-        let least = costs.fold(batch.least, f64::min);
+        let batch = &Batch {
+            least: costs.fold(batch.least, f64::min),
+            ..*batch
+        };
         let ended = heats
             .into_par_iter()
-            .map(|(candidate, descent)| (candidate, self.to_the_end(candidate, descent, least)));
-        let mut tried: Vec<(&Subset, Tried)> = best_to_rest(ended.collect())
+            .map(|(candidate, descent)| (candidate, self.to_the_end(candidate, descent, batch)));
+        let mut tried: Vec<(&Subset, Tried)> = self
+            .best_to_rest(ended.collect(), batch)
             .into_par_iter()
-            .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent)?)))
+            .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent, batch)?)))
             .collect();
         if self.starts_are_far(batch) && !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
             tried.par_iter_mut().for_each(|(candidate, tried)| {
-                let better = self.restart_elsewhere(candidate, [tried.cost, least]);
-                if let Some(better) = better.and_then(|descent| self.judge(candidate, descent)) {
+                let better = self.restart_elsewhere(candidate, tried, batch);
+                if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, batch)) {
                     *tried = better;
                 }
             });
@@ -188,13 +194,18 @@ impl<'a> Refits<'a> {
     }
 
     /// Cost of which a refit has to promise to come near: a multiple of the least of its rivals, and one at which its effects
-    /// explain a good part of what they must. Half the share, because the cost of what lies far off grows with the distance,
-    /// what is explained with its square.
-    fn worth(&self, candidate: &Subset, least: f64) -> f64 {
+    /// explain a good part of what they must, together of what the model leaves, and the last of them of what a refit with
+    /// fewer left. Half the share, because the cost of what lies far off grows with the distance, what is explained with
+    /// its square.
+    fn worth(&self, candidate: &Subset, batch: &Batch) -> f64 {
         let now = &self.now.fitted;
-        let excess = now.cost - 0.5 * now.best.most_rows as f64;
-        let share = smallest_share(candidate.ids.len(), self.options);
-        f64::min(HOPELESS * least, now.cost - 0.5 * share * excess.max(0.0))
+        let noise = 0.5 * now.best.most_rows as f64;
+        let explained =
+            |cost: f64, effects| cost - 0.5 * smallest_share(effects, self.options) * (cost - noise).max(0.0);
+        let worth = f64::min(HOPELESS * batch.least, explained(now.cost, candidate.ids.len()));
+        batch
+            .fewer(candidate)
+            .map_or(worth, |fewer| worth.min(explained(fewer.cost, 1)))
     }
 
     /// The first evaluations of refits; where there are more than [`Batch::go_on`], the others do not get all of them.
@@ -202,7 +213,7 @@ impl<'a> Refits<'a> {
         let (candidates, go_on) = (batch.candidates, batch.go_on);
         let budget = |candidate: &Subset, evaluations| Budget {
             evaluations,
-            worth: self.worth(candidate, batch.least),
+            worth: self.worth(candidate, batch),
         };
         let sprint = if candidates.len() > go_on {
             SPRINT_EVALUATIONS
@@ -210,7 +221,7 @@ impl<'a> Refits<'a> {
             HEAT_EVALUATIONS
         };
         let started = |candidate| {
-            let descent = self.started(candidate, batch.had, budget(candidate, sprint));
+            let descent = self.started(candidate, batch, budget(candidate, sprint));
             Some((candidate, descent.ok()?))
         };
         let mut runners: Vec<Runner> = candidates.par_iter().filter_map(started).collect();
@@ -228,33 +239,47 @@ impl<'a> Refits<'a> {
     }
 
     /// The other evaluations of a refit, where there is hope that they find the least cost.
-    fn to_the_end(&self, candidate: &Subset, descent: Descent<'a>, least: f64) -> Descent<'a> {
-        if descent.cost() > HOPELESS * least {
+    fn to_the_end(&self, candidate: &Subset, descent: Descent<'a>, batch: &Batch) -> Descent<'a> {
+        if descent.cost() > HOPELESS * batch.least {
             return descent;
         }
         descent.run(Budget {
             evaluations: REFIT_EVALUATIONS,
-            worth: self.worth(candidate, least),
+            worth: self.worth(candidate, batch),
         })
     }
 
+    /// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the
+    /// narrow valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect
+    /// did not explain it.
+    fn best_to_rest<'c>(&self, descents: Vec<Runner<'c, 'a>>, batch: &Batch) -> Vec<Runner<'c, 'a>> {
+        let costs = descents.iter().map(|runner| runner.1.cost());
+        let near = NEAR_THE_BEST * costs.fold(f64::INFINITY, f64::min);
+        let to_rest = |(candidate, descent): Runner<'c, 'a>| {
+            if descent.cost() > near {
+                return (candidate, descent);
+            }
+            let budget = Budget {
+                evaluations: 2 * REFIT_EVALUATIONS,
+                worth: self.worth(candidate, batch),
+            };
+            (candidate, descent.run(budget))
+        };
+        descents.into_par_iter().map(to_rest).collect()
+    }
+
     /// The very first evaluations of a refit, from the one-step estimate, or nearer to nothing where that is worse than
-    /// nothing; at worst from the model as it stands. Where some of its effects had refits without the others, from
-    /// whatever is best: two that hide each other are far from where either is better than nothing.
-    fn started(&self, candidate: &Subset, had: &[Refit], budget: Budget) -> Result<Descent<'a>, FitError> {
+    /// nothing; at worst from the model as it stands. Where some of its effects had refits without the others, at worst
+    /// from the best of these: two that hide each other are far from where either is better than nothing.
+    fn started(&self, candidate: &Subset, batch: &Batch, budget: Budget) -> Result<Descent<'a>, FitError> {
         let with_own = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, size), size));
         let alone = FIRST_SIZES.map(|size| candidate.start(&self.own(candidate, 0.0), size));
-        let nothing = candidate.nothing(&self.now.fitted.best.theta);
-        let of_fewer = had.iter().filter(|refit| candidate.has_more_than(refit));
-        let of_fewer: Vec<Vec<f64>> = of_fewer
-            .map(|refit| candidate.beyond(refit, &self.now.structure))
-            .collect();
-        let enough = if of_fewer.is_empty() {
-            self.now.fitted.cost
-        } else {
-            f64::NEG_INFINITY
+        let now = &self.now.fitted;
+        let (at_worst, enough) = match batch.fewer(candidate) {
+            Some(fewer) => (candidate.beyond(fewer, &self.now.structure), fewer.cost),
+            None => (candidate.nothing(&now.best.theta), now.cost),
         };
-        let starts = with_own.into_iter().chain(alone).chain([nothing]).chain(of_fewer);
+        let starts = with_own.into_iter().chain(alone).chain([at_worst]);
         let next = candidate.added_to(&self.now.structure);
         let start = Descent::at_first(&self.bench.fit, &next, starts, enough)?;
         Ok(start.run(budget))
@@ -270,16 +295,17 @@ impl<'a> Refits<'a> {
         )
     }
 
-    /// A refit from other starts where one of them comes to less than `cost`, at which the first ended: that was a local
-    /// minimum then. None is tried for a refit that came less than half as far as the best.
-    fn restart_elsewhere(&self, candidate: &Subset, [cost, least]: [f64; 2]) -> Option<Descent<'a>> {
-        if cost > HOPELESS * least {
+    /// A refit from other starts where one of them comes to less than the first: that had ended in a local minimum then.
+    /// None is tried for one that came less than half as far as the best, or that did not come to rest.
+    fn restart_elsewhere(&self, candidate: &Subset, first: &Tried, batch: &Batch) -> Option<Descent<'a>> {
+        let cost = first.cost;
+        if cost > HOPELESS * batch.least || first.fitted.stop == StopReason::GivenUp {
             return None;
         }
         let next = candidate.added_to(&self.now.structure);
         let budget = Budget {
             evaluations: SECOND_EVALUATIONS,
-            worth: cost.min(self.worth(candidate, least)),
+            worth: cost.min(self.worth(candidate, batch)),
         };
         let others = OTHER_SIZES.par_iter().filter_map(|&size| {
             let theta = candidate.start(&self.own(candidate, 0.0), size);
@@ -287,7 +313,7 @@ impl<'a> Refits<'a> {
             Some(start.ok()?.run(budget))
         });
         let best = others.min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
-        (best.cost() < cost).then(|| self.to_the_end(candidate, best, least))
+        (best.cost() < cost).then(|| self.to_the_end(candidate, best, batch))
     }
 
     /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
@@ -308,16 +334,20 @@ impl<'a> Refits<'a> {
             let start = Descent::at(&self.bench.fit, &next, &candidate.nothing(&own));
             let again = start.ok().map(|start| start.run(budget));
             let better = again.filter(|descent| descent.cost() < tried.cost);
-            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent)) {
+            let alone = Batch::of(std::slice::from_ref(*candidate));
+            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, &alone)) {
                 *tried = better;
             }
         });
     }
 
     /// Whether a refit explains as much of the excess where fitted as the gates ask for.
-    fn explains_its_share(&self, candidate: &Subset, descent: &Descent) -> bool {
+    fn explains_its_share(&self, candidate: &Subset, descent: &Descent, batch: &Batch) -> bool {
         let left = ResidualSummary::of(descent.best());
         explain_their_share(candidate.ids.len(), [&self.now.left, &left], self.options)
+            && batch
+                .fewer(candidate)
+                .is_none_or(|fewer| beyond_fewer(fewer, &left, self.options).passed)
     }
 
     /// Cost up to which a refit that came to `cost` may be held by its prior.
@@ -326,20 +356,22 @@ impl<'a> Refits<'a> {
     }
 
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
-    fn judge(&self, candidate: &Subset, descent: Descent) -> Option<Tried> {
+    fn judge(&self, candidate: &Subset, descent: Descent, batch: &Batch) -> Option<Tried> {
         let cost = descent.cost();
         // Where the prior holds it, a refit explains no more than here.
-        let fitted = if descent.has_had(REFIT_EVALUATIONS) && self.explains_its_share(candidate, &descent) {
-            descent.shrunk(SHRINK_EVALUATIONS, self.most_cost(cost)).finish()
-        } else {
-            descent.finish()
-        };
+        let fitted =
+            if descent.has_had(REFIT_EVALUATIONS) && self.explains_its_share(candidate, &descent, batch) {
+                descent.shrunk(SHRINK_EVALUATIONS, self.most_cost(cost)).finish()
+            } else {
+                descent.finish()
+            };
         let next = candidate.added_to(&self.now.structure);
         let held_out = self.bench.held_out.residuals(&next, &fitted.best.theta).ok()?;
         let mut refit = Refit {
             ids: candidate.ids.clone(),
             parameters: estimates(&fitted.best, &next).split_off(self.told.len()),
             theta: fitted.best.theta.clone(),
+            cost: fitted.cost,
             fit: ResidualSummary::of(&fitted.best),
             held_out: ResidualSummary::of(&held_out),
             gates: Vec::new(),
@@ -353,6 +385,9 @@ impl<'a> Refits<'a> {
             (&refit, free),
             self.options,
         );
+        if let Some(fewer) = batch.fewer(candidate) {
+            refit.gates.push(beyond_fewer(fewer, &refit.fit, self.options));
+        }
         if fitted.stop == StopReason::GivenUp {
             refit.gates.insert(0, given_up(fitted.evaluations));
         }
@@ -399,26 +434,6 @@ fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: 
         .collect()
 }
 
-/// The best of some refits, and those that may still come as far, go on with as many evaluations again: along the narrow
-/// valley of stiffness and yield a descent takes thirty, and what it has not yet come to looks as if the effect did not
-/// explain it.
-fn best_to_rest<'c, 'a>(descents: Vec<Runner<'c, 'a>>) -> Vec<Runner<'c, 'a>> {
-    let costs = descents.iter().map(|runner| runner.1.cost());
-    let near = NEAR_THE_BEST * costs.fold(f64::INFINITY, f64::min);
-    let to_rest = |(candidate, descent): Runner<'c, 'a>| {
-        let near = descent.cost() <= near;
-        (
-            candidate,
-            if near {
-                descent.run(2 * REFIT_EVALUATIONS)
-            } else {
-                descent
-            },
-        )
-    };
-    descents.into_par_iter().map(to_rest).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
@@ -440,7 +455,9 @@ mod tests {
         let refit = |candidate: &Subset, theta: &[f64], budget: usize| {
             let next = candidate.added_to(&now.structure);
             let start = Descent::at(&bench.fit, &next, theta).unwrap();
-            refits.judge(candidate, start.run(budget)).unwrap()
+            refits
+                .judge(candidate, start.run(budget), &Batch::of(&[]))
+                .unwrap()
         };
         let [mass, gradient] =
             ["tip_mass", "density_gradient"].map(|id| Subset::from(&Score::alone(id, 60.0, 80.0)));
@@ -456,8 +473,8 @@ mod tests {
         assert!((found_kg / tip_mass.values[0] - 1.0).abs() < 0.1, "{found_kg} kg");
     }
 
-    /// What is not worth following: what explains far too little, two effects that explain what one may, and what leaves
-    /// twice as much as a rival.
+    /// What is not worth following: what explains far too little, two effects that explain what one may, or hardly more than
+    /// one of them did, and what leaves twice as much as a rival.
     #[test]
     fn a_refit_is_followed_towards_a_good_part_of_the_share_that_it_must_explain() {
         let demos = recorded(&[part("tilted_gravity", 8.0)]);
@@ -471,13 +488,34 @@ mod tests {
             ids: ["tip_mass", "air_drag"].map(String::from).into(),
             ..Subset::from(&Score::alone("tip_mass", 60.0, 80.0))
         };
-        let noise = 0.5 * now.fitted.best.len() as f64;
+        let noise = 0.5 * now.fitted.best.most_rows as f64;
         let excess = |cost: f64| (now.fitted.cost - cost) / (now.fitted.cost - noise);
-        let [alone, together] = [&one, &two].map(|candidate| excess(refits.worth(candidate, f64::INFINITY)));
+        let none = Batch::of(&[]);
+        let [alone, together] = [&one, &two].map(|candidate| excess(refits.worth(candidate, &none)));
         assert!(0.1 < alone && alone < options.smallest_share, "{alone}");
         assert!(alone < together && together < 0.5, "{together}");
-        let rival = 0.3 * now.fitted.cost;
-        assert_eq!(refits.worth(&one, rival), HOPELESS * rival);
+        let rival = Batch {
+            least: 0.3 * now.fitted.cost,
+            ..none
+        };
+        assert_eq!(refits.worth(&one, &rival), HOPELESS * rival.least);
+        let left = 0.5 * (now.fitted.cost + noise);
+        let mass = Subset::from(&Score::alone("tip_mass", 60.0, 80.0));
+        let nothing = mass.nothing(&now.fitted.best.theta);
+        let there = Descent::at(&bench.fit, &mass.added_to(&now.structure), &nothing).unwrap();
+        let mass = Refit {
+            cost: left,
+            ..refits.judge(&mass, there, &none).unwrap().refit
+        };
+        let after_mass = Batch {
+            had: std::slice::from_ref(&mass),
+            ..Batch::of(&[])
+        };
+        let of_the_rest = (left - refits.worth(&two, &after_mass)) / (left - noise);
+        assert!(
+            0.1 < of_the_rest && of_the_rest < options.smallest_share,
+            "{of_the_rest}"
+        );
     }
 
     /// A rope in a tilted rig with drag in the tilt's place goes to the end of drag's range; what is left hangs together so

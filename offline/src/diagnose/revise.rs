@@ -151,6 +151,7 @@ pub(super) mod tests {
             ids: vec!["tilted_gravity".into()],
             parameters: Vec::new(),
             theta: theta.to_vec(),
+            cost: rms_mm * rms_mm,
             fit: left.clone(),
             held_out: left,
             gates: Vec::new(),
@@ -173,6 +174,7 @@ pub(super) mod tests {
             refits: refits.clone(),
             accepted: Vec::new(),
             dropped: Vec::new(),
+            instead_of: Vec::new(),
         };
         let starts = |left_mm, known| better_starts(&standing(&["tip_mass"], left_mm), &[round(known)]);
         assert_eq!(starts(4.90, &["tip_mass"]), [[16.4, 0.3, 0.25], [16.3, 0.3, 0.2]]);

@@ -2,6 +2,7 @@
 
 use super::choice::{Choice, Standing};
 use super::gates::Gate;
+use super::memory::KeptModel;
 use super::refits::Refits;
 use super::rounds::{Bench, LoopOptions, Part};
 use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested};
@@ -20,6 +21,9 @@ pub struct Refit {
     pub parameters: Vec<Estimate>,
     /// All parameters of the model, as the fit takes them.
     pub theta: Vec<f64>,
+    /// What the fit made least: half the robust sum of squares, in noise floors, plus the prior's.
+    #[serde(default)]
+    pub cost: f64,
     /// Residual where fitted.
     pub fit: ResidualSummary,
     /// Residual where held out.
@@ -68,18 +72,32 @@ pub struct Round {
     /// Effects of the model at the start that it needs no more beside those that were accepted.
     #[serde(default)]
     pub dropped: Vec<String>,
+    /// Effects that were accepted here at first, from which the loop did not come as far.
+    #[serde(default)]
+    pub instead_of: Vec<String>,
+}
+
+/// What a round came to.
+pub(super) struct Turn {
+    pub(super) round: Round,
+    /// The model with what was accepted.
+    pub(super) next: Option<Standing>,
+    /// The model with what passed second.
+    pub(super) second: Option<KeptModel>,
+    /// The slopes of the whole library.
+    pub(super) library: Library,
 }
 
 /// How many of the best scores are told while the loop runs.
 const LISTED: usize = 8;
 
-/// A round on a model: what it came to, the model with what was accepted, and the slopes of the whole library.
+/// A round on a model.
 pub(super) fn one_round(
     bench: &Bench,
     now: &Standing,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<(Round, Option<Standing>, Library), FitError> {
+) -> Result<Turn, FitError> {
     let (structure, fitted) = (&now.structure, &now.fitted);
     progress("scoring every effect of the library from one pass of tangents");
     let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
@@ -107,8 +125,14 @@ pub(super) fn one_round(
         refits: choice.refits,
         accepted: accepted.unwrap_or_default(),
         dropped: Vec::new(),
+        instead_of: Vec::new(),
     };
-    Ok((round, next, library))
+    Ok(Turn {
+        round,
+        next,
+        second: choice.second,
+        library,
+    })
 }
 
 /// The best scores, for whoever watches.

@@ -1,12 +1,12 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
 use super::choice::Standing;
-use super::conclude::{Facts, WHITE_FLOORS, conclude, excess_mm};
+use super::conclude::{Facts, conclude};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
-use super::revise::{better, needed};
-use super::round::{Round, one_round};
+use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
+use super::ways::{Ended, SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
@@ -294,6 +294,7 @@ pub fn resume_loop(
             base: KeptFit::of(&base),
             now: KeptModel::of(&so_far.now),
             rounds: so_far.rounds.clone(),
+            other: so_far.other.clone(),
         });
     };
     let Ended {
@@ -301,7 +302,15 @@ pub fn resume_loop(
         rounds,
         library,
         stopped,
-    } = all_rounds(&bench, start, options, &keep, progress)?;
+        ..
+    } = all_rounds(
+        &bench,
+        start,
+        &ResidualSummary::of(&base.best),
+        options,
+        &keep,
+        progress,
+    )?;
     let Standing {
         structure,
         fitted,
@@ -339,98 +348,10 @@ pub fn resume_loop(
     })
 }
 
-/// How far the loop has come.
-struct SoFar {
-    now: Standing,
-    rounds: Vec<Round>,
-}
-
-/// Where the loop ended.
-struct Ended {
-    model: Standing,
-    rounds: Vec<Round>,
-    /// Slopes of the last round.
-    library: Option<Library>,
-    /// Whether a further round could not be simulated.
-    stopped: bool,
-}
-
-/// Round after round until nothing is left to explain, nothing explains it, or a model that was found cannot be looked
-/// into any further: what was found until then stands.
-fn all_rounds(
-    bench: &Bench,
-    mut at: SoFar,
-    options: &LoopOptions,
-    keep: &dyn Fn(&SoFar),
-    progress: &dyn Fn(&str),
-) -> Result<Ended, FitError> {
-    let (mut library, mut done, mut stopped) = (None, false, false);
-    while !done && at.goes_on(bench, options) {
-        if !at.rounds.is_empty() {
-            keep(&at);
-        }
-        let (mut round, found, slopes) = match one_round(bench, &at.now, options, progress) {
-            Err(error) if !at.rounds.is_empty() => {
-                progress(&format!("no further round: {error}"));
-                stopped = true;
-                break;
-            }
-            round => round?,
-        };
-        done = found.is_none();
-        if let Some(next) = found {
-            (at.now, round.dropped) = needed(bench, &at.now, next, progress);
-        }
-        at.rounds.push(round);
-        library = Some(slopes);
-    }
-    Ok(Ended {
-        model: better(bench, at.now, &at.rounds, progress)?,
-        rounds: at.rounds,
-        library,
-        stopped,
-    })
-}
-
-impl SoFar {
-    /// The loop before its first round.
-    fn at_first(bench: &Bench, base: &FitResult, held_out: &Evaluation) -> Result<Self, FitError> {
-        let structure = Structure::default();
-        let fitted = bench.again(&structure, &base.best.theta)?;
-        Ok(Self {
-            now: Standing::judged(structure, fitted, ResidualSummary::of(held_out)),
-            rounds: Vec::new(),
-        })
-    }
-
-    /// The loop where a killed one was.
-    fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
-        Ok(Self {
-            now: memory.now.again(bench)?,
-            rounds: memory.rounds,
-        })
-    }
-
-    /// Whether there is something left that a further round could explain.
-    fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
-        let fitted = &self.now.fitted;
-        physical_effects(&self.now.structure) < options.max_effects
-            && self.now.left.floors > WHITE_FLOORS
-            && !only_numerical(fitted, &self.rounds, bench.doubt(fitted))
-    }
-}
-
 /// How many effects of a model are the rope's or the rig's: where the cameras stand is no theory of either.
 pub(super) fn physical_effects(structure: &Structure) -> usize {
     let physical = |&&effect: &&usize| !effects::ALL[effect].nuisance;
     structure.effects.iter().filter(physical).count()
-}
-
-/// Whether the last round explained everything but what the simulation itself is known to be off by. No
-/// further effect could be believed, and a round takes as long as all before it.
-fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
-    let last = rounds.last().filter(|round| !round.accepted.is_empty());
-    last.is_some_and(|round| excess_mm(fitted, doubt) <= round.table.discretisation_mm)
 }
 
 impl Bench<'_> {

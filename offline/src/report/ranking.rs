@@ -120,6 +120,12 @@ fn ranking(round: &Round) -> Markup {
             }
         } }
         (together(round))
+        @if !round.instead_of.is_empty() {
+            p {
+                b { (titles(&round.instead_of)) } " came first here and was accepted; the loop then found nothing that "
+                "explained the rest, and came further from what passed second."
+            }
+        }
         @for id in &round.dropped {
             p {
                 b { (effect_title(id)) } " is dropped: beside what this round found, the model is no worse without it "

@@ -132,6 +132,7 @@ fn round() -> Round {
             ids: vec!["tip_mass".to_owned()],
             parameters: Vec::new(),
             theta: Vec::new(),
+            cost: 0.0,
             fit: summary.clone(),
             held_out: summary,
             gates: vec![Gate {
@@ -143,6 +144,7 @@ fn round() -> Round {
         }],
         accepted: Vec::new(),
         dropped: Vec::new(),
+        instead_of: Vec::new(),
     }
 }
 
@@ -368,6 +370,20 @@ fn an_effect_that_another_replaced_is_said_to_be_dropped() {
     assert!(why(&[&first, &second, &back]).is_empty(), "accepted again");
     let page = ranking::section(&[first, second]).into_string();
     assert!(page.contains("is dropped: beside what this round found"));
+}
+
+#[test]
+fn what_was_accepted_first_and_led_nowhere_is_told() {
+    let page = |instead_of: &[&str]| {
+        let round = Round {
+            accepted: vec!["tip_mass".into()],
+            instead_of: instead_of.iter().map(ToString::to_string).collect(),
+            ..round()
+        };
+        ranking::section(&[round]).into_string()
+    };
+    assert!(page(&["air_drag"]).contains("<b>air drag</b> came first here and was accepted"));
+    assert!(!page(&[]).contains("came first here"));
 }
 
 #[test]

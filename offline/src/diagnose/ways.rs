@@ -1,0 +1,244 @@
+//! The way that a loop takes, round after round, and the other that it might have taken: the effect that passed second in
+//! the first round may be the cause of what the first stands in for. Air drag was, by what was held out, before the damping
+//! of a real cable, whose rest shape then fitted nothing.
+
+use super::choice::{Standing, likelier, refine};
+use super::conclude::{WHITE_FLOORS, excess_mm};
+use super::memory::{KeptModel, Memory};
+use super::revise::{better, needed};
+use super::round::{Round, one_round};
+use super::rounds::{Bench, LoopOptions, Part, physical_effects};
+use crate::effects;
+use crate::fit::{Evaluation, FitError, FitResult, Library};
+use crate::model::Structure;
+use crate::residual::ResidualSummary;
+
+/// How far the loop has come.
+pub(super) struct SoFar {
+    pub(super) now: Standing,
+    pub(super) rounds: Vec<Round>,
+    /// What passed second in the first round.
+    pub(super) other: Option<KeptModel>,
+}
+
+/// Where the loop ended.
+pub(super) struct Ended {
+    pub(super) model: Standing,
+    pub(super) rounds: Vec<Round>,
+    /// Slopes of the last round.
+    pub(super) library: Option<Library>,
+    /// Whether a further round could not be simulated.
+    pub(super) stopped: bool,
+    /// As [`SoFar::other`].
+    other: Option<KeptModel>,
+}
+
+/// The way that begins with the likeliest effect or, where that leaves something and the other does better, the one that
+/// begins with what passed second. `before` is what the base model leaves.
+pub(super) fn all_rounds(
+    bench: &Bench,
+    at: SoFar,
+    before: &ResidualSummary,
+    options: &LoopOptions,
+    keep: &dyn Fn(&SoFar),
+    progress: &dyn Fn(&str),
+) -> Result<Ended, FitError> {
+    let ended = one_way(bench, at, options, keep, progress)?;
+    let other = other_beginning(bench, &ended, before, options, progress);
+    // What a run that is killed goes on from is the first way: it comes here again.
+    let again = other.and_then(|at| {
+        at.map(|at| one_way(bench, at, options, &|_| (), progress))
+            .transpose()
+    });
+    match again {
+        Ok(Some(again)) if likelier(&again.model, &ended.model) => return Ok(again),
+        Ok(Some(_)) => progress("that does no better"),
+        Ok(None) => {}
+        // What the first way found stands.
+        Err(error) => progress(&format!("not to its end: {error}")),
+    }
+    Ok(ended)
+}
+
+/// Where the other way begins, if the first leaves something and did not come by what passed second.
+fn other_beginning(
+    bench: &Bench,
+    ended: &Ended,
+    before: &ResidualSummary,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Option<SoFar>, FitError> {
+    let (Some(kept), Some(first)) = (&ended.other, ended.rounds.first()) else {
+        return Ok(None);
+    };
+    let found = ended.model.structure.ids();
+    let came_by = kept.effects.iter().all(|id| found.contains(id));
+    if came_by || !leaves_something(bench, &ended.model, &ended.rounds) {
+        return Ok(None);
+    }
+    let (one, other) = (
+        effects::together(&first.accepted),
+        effects::together(&kept.effects),
+    );
+    progress(&format!(
+        "something is left: beginning with {other}, which passed as well, instead of {one}"
+    ));
+    let now = kept.again(bench)?;
+    let mut round = Round {
+        accepted: kept.effects.clone(),
+        instead_of: first.accepted.clone(),
+        dropped: Vec::new(),
+        ..first.clone()
+    };
+    if options.without != Some(Part::Refinement) {
+        let gates = refine(bench, &now, &kept.effects, before)?;
+        if let Some(failed) = gates.iter().find(|gate| !gate.passed) {
+            progress(&format!("not {}: {}", failed.name, failed.detail));
+            return Ok(None);
+        }
+        if let Some(refit) = round.refits.iter_mut().find(|refit| refit.ids == kept.effects) {
+            refit.ask(gates);
+        }
+    }
+    Ok(Some(SoFar {
+        now,
+        rounds: vec![round],
+        other: None,
+    }))
+}
+
+/// Round after round until nothing is left to explain, nothing explains it, or a model that was found cannot be looked
+/// into any further: what was found until then stands.
+fn one_way(
+    bench: &Bench,
+    mut at: SoFar,
+    options: &LoopOptions,
+    keep: &dyn Fn(&SoFar),
+    progress: &dyn Fn(&str),
+) -> Result<Ended, FitError> {
+    let (mut library, mut done, mut stopped) = (None, false, false);
+    while !done && at.goes_on(bench, options) {
+        if !at.rounds.is_empty() {
+            keep(&at);
+        }
+        let mut turn = match one_round(bench, &at.now, options, progress) {
+            Err(error) if !at.rounds.is_empty() => {
+                progress(&format!("no further round: {error}"));
+                stopped = true;
+                break;
+            }
+            turn => turn?,
+        };
+        done = turn.next.is_none();
+        if let Some(next) = turn.next {
+            (at.now, turn.round.dropped) = needed(bench, &at.now, next, progress);
+        }
+        if at.rounds.is_empty() {
+            at.other = turn.second;
+        }
+        at.rounds.push(turn.round);
+        library = Some(turn.library);
+    }
+    Ok(Ended {
+        model: better(bench, at.now, &at.rounds, progress)?,
+        rounds: at.rounds,
+        library,
+        stopped,
+        other: at.other,
+    })
+}
+
+impl SoFar {
+    /// The loop before its first round.
+    pub(super) fn at_first(bench: &Bench, base: &FitResult, held_out: &Evaluation) -> Result<Self, FitError> {
+        let structure = Structure::default();
+        let fitted = bench.again(&structure, &base.best.theta)?;
+        Ok(Self {
+            now: Standing::judged(structure, fitted, ResidualSummary::of(held_out)),
+            rounds: Vec::new(),
+            other: None,
+        })
+    }
+
+    /// The loop where a killed one was.
+    pub(super) fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
+        Ok(Self {
+            now: memory.now.again(bench)?,
+            rounds: memory.rounds,
+            other: memory.other,
+        })
+    }
+
+    /// Whether there is something left that a further round could explain.
+    fn goes_on(&self, bench: &Bench, options: &LoopOptions) -> bool {
+        physical_effects(&self.now.structure) < options.max_effects
+            && leaves_something(bench, &self.now, &self.rounds)
+    }
+}
+
+/// Whether a model leaves something over the noise that is not the simulation's own error.
+fn leaves_something(bench: &Bench, model: &Standing, rounds: &[Round]) -> bool {
+    model.left.floors > WHITE_FLOORS && !only_numerical(&model.fitted, rounds, bench.doubt(&model.fitted))
+}
+
+/// Whether the last round explained everything but what the simulation itself is known to be off by. No
+/// further effect could be believed, and a round takes as long as all before it.
+fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
+    let last = rounds.last().filter(|round| !round.accepted.is_empty());
+    last.is_some_and(|round| excess_mm(fitted, doubt) <= round.table.discretisation_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
+    use super::super::score::ScoreTable;
+    use super::*;
+    use crate::bench_diagnosis::reality::part;
+    use crate::fit::Descent;
+
+    /// The rope leans because its table does. Drag was taken for the cause and the tilt passed second; nothing else may be
+    /// added to either.
+    #[test]
+    fn what_passed_second_takes_the_place_of_what_leaves_more() {
+        let demos = recorded(&[part("tilted_gravity", 8.0)]);
+        let options = LoopOptions {
+            max_effects: 1,
+            ..options()
+        };
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+        let before = base(&bench).left;
+        let model = |id: &str| {
+            let structure = Structure::of_ids(&[id.to_owned()]);
+            let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
+            Standing::of(&bench, structure, start.run(24).finish()).unwrap()
+        };
+        let all = |first: &str, second: Option<&str>| {
+            let at = SoFar {
+                now: model(first),
+                rounds: vec![Round {
+                    known: Vec::new(),
+                    table: ScoreTable::of(Vec::new()),
+                    refits: Vec::new(),
+                    accepted: vec![first.to_owned()],
+                    dropped: Vec::new(),
+                    instead_of: Vec::new(),
+                }],
+                other: second.map(|id| KeptModel::of(&model(id))),
+            };
+            let ended = all_rounds(&bench, at, &before, &options, &|_| (), &|_| ()).unwrap();
+            let round = ended.rounds[0].clone();
+            (ended.model.structure.ids(), round.accepted, round.instead_of)
+        };
+        let [drag, tilt] = ["air_drag", "tilted_gravity"].map(|id| vec![id.to_owned()]);
+        let none = Vec::new();
+        assert_eq!(
+            all("air_drag", Some("tilted_gravity")),
+            (tilt.clone(), tilt.clone(), drag.clone())
+        );
+        assert_eq!(all("air_drag", None), (drag.clone(), drag, none.clone()));
+        assert_eq!(
+            all("tilted_gravity", Some("air_drag")),
+            (tilt.clone(), tilt, none)
+        );
+    }
+}
