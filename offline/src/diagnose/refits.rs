@@ -168,7 +168,7 @@ impl<'a> Refits<'a> {
         if self.starts_are_far(batch) && !tried.iter().any(|(_, tried)| self.explained(tried)) {
             progress("none of them explains it: starting them elsewhere");
             tried.par_iter_mut().for_each(|(candidate, tried)| {
-                let better = self.restart_elsewhere(candidate, tried, batch);
+                let better = self.restart_elsewhere(candidate, tried.cost, batch);
                 if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, batch)) {
                     *tried = better;
                 }
@@ -295,11 +295,11 @@ impl<'a> Refits<'a> {
         )
     }
 
-    /// A refit from other starts where one of them comes to less than the first: that had ended in a local minimum then.
-    /// None is tried for one that came less than half as far as the best, or that did not come to rest.
-    fn restart_elsewhere(&self, candidate: &Subset, first: &Tried, batch: &Batch) -> Option<Descent<'a>> {
-        let cost = first.cost;
-        if cost > HOPELESS * batch.least || first.fitted.stop == StopReason::GivenUp {
+    /// A refit from other starts where one of them comes to less than the first: that had ended in a local minimum then, or
+    /// was given up for slopes that promised little, as a rest curvature of 5 floors was, which was the cause. None is
+    /// tried for one that came less than half as far as the best.
+    fn restart_elsewhere(&self, candidate: &Subset, cost: f64, batch: &Batch) -> Option<Descent<'a>> {
+        if cost > HOPELESS * batch.least {
             return None;
         }
         let next = candidate.added_to(&self.now.structure);

@@ -103,7 +103,7 @@ pub fn identify(
 }
 
 /// Kind and version of the file that holds what an unfinished diagnosis has come to.
-const MEMORY: &[u8; 8] = b"gnmloop4";
+const MEMORY: &[u8; 8] = b"gnmloop5";
 
 /// The loop, from where a killed run left it.
 fn diagnosed(
