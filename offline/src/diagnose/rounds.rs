@@ -289,6 +289,7 @@ pub fn resume_loop(
         Some(memory) => SoFar::again(memory, &bench)?,
         None => SoFar::at_first(&bench, &base, &held_out_before)?,
     };
+    let before = ResidualSummary::of(&base.best);
     let keep = |so_far: &SoFar| {
         keep(&Memory {
             base: KeptFit::of(&base),
@@ -303,14 +304,7 @@ pub fn resume_loop(
         library,
         stopped,
         ..
-    } = all_rounds(
-        &bench,
-        start,
-        &ResidualSummary::of(&base.best),
-        options,
-        &keep,
-        progress,
-    )?;
+    } = all_rounds(&bench, start, &before, options, &keep, progress)?;
     let Standing {
         structure,
         fitted,
@@ -322,7 +316,7 @@ pub fn resume_loop(
     let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
     let (verdict, reasons) = conclude(&Facts {
         structure: &structure,
-        base: &ResidualSummary::of(&base.best),
+        base: &before,
         fitted: &fitted,
         estimates: &estimates_within(&fitted.best, &structure, &grid_shift),
         rounds: &rounds,
