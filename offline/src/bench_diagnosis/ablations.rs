@@ -1,7 +1,7 @@
 //! What the parts of the method are worth: the same data asked again without one of them.
 
 use super::run::Answer;
-use super::tally::{Figure, Line, same_family};
+use super::tally::{Figure, Line, is_strange, names_strange};
 use crate::diagnose::Part;
 use crate::statistics::Rate;
 
@@ -35,19 +35,8 @@ fn whole<'a>(mine: &[&'a Answer], without: &Answer) -> Option<&'a Answer> {
     mine.iter().find(same).copied()
 }
 
-fn strange(answer: &Answer, id: &str) -> bool {
-    answer.cell.causes.iter().all(|cause| !same_family(id, cause))
-}
-
 fn wrongly_named(pairs: &[[&Answer; 2]], words: &str) -> Line {
-    let wrong = |k: usize| {
-        Rate::of(
-            pairs
-                .iter()
-                .map(|pair| pair[k].named.iter().any(|id| strange(pair[k], id))),
-        )
-    };
-    let [with, without] = [0, 1].map(wrong);
+    let [with, without] = [0, 1].map(|k| Rate::of(pairs.iter().map(|pair| names_strange(pair[k]))));
     Line {
         what: format!("a wrong effect named without {words}"),
         target: format!("visibly more than with it, {} of {}", with.hits, with.of),
@@ -63,7 +52,7 @@ fn wrongly_named(pairs: &[[&Answer; 2]], words: &str) -> Line {
 fn wrongly_scored(pairs: &[[&Answer; 2]], words: &str) -> Line {
     let count = |answer: &Answer| {
         let significant = answer.significant.as_ref()?;
-        Some(significant.iter().filter(|id| strange(answer, id)).count())
+        Some(significant.iter().filter(|id| is_strange(answer, id)).count())
     };
     let counts = pairs
         .iter()

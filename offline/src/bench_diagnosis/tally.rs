@@ -50,7 +50,7 @@ pub struct Tally {
     pub ablations: Vec<Line>,
 }
 
-pub(super) fn same_family(a: &str, b: &str) -> bool {
+fn same_family(a: &str, b: &str) -> bool {
     a == b || FAMILIES.iter().any(|f| f.contains(&a) && f.contains(&b))
 }
 
@@ -68,10 +68,19 @@ fn right_first(answer: &Answer) -> bool {
         .is_some_and(|named| same_family(named, cause))
 }
 
+/// Whether an effect is none of the causes, nor of the family of one.
+pub(super) fn is_strange(answer: &Answer, id: &str) -> bool {
+    answer.cell.causes.iter().all(|cause| !same_family(id, cause))
+}
+
+/// Whether the answer names an effect that is none of the causes.
+pub(super) fn names_strange(answer: &Answer) -> bool {
+    answer.named.iter().any(|named| is_strange(answer, named))
+}
+
 /// Whether a cause outside the library is called explained by something else.
 fn wrongly_explained(answer: &Answer) -> bool {
-    let wrong = |named: &String| answer.cell.causes.iter().all(|cause| !same_family(named, cause));
-    answer.said == Said::Explained && answer.named.iter().any(wrong)
+    answer.said == Said::Explained && names_strange(answer)
 }
 
 fn found(answer: &Answer, cause: &str) -> bool {
@@ -223,10 +232,6 @@ fn other_lines(whole: &[&Answer]) -> Vec<Line> {
         foreign.iter().filter(clear).copied().partition(|a| a.cell.hidden);
     let honest = |list: &[&Answer]| Rate::of(list.iter().map(|a| !wrongly_explained(a)));
     let pairs = of_kind(whole, Kind::Pair);
-    let third = |a: &&Answer| {
-        let strange = |named: &String| a.cell.causes.iter().all(|c| !same_family(named, c));
-        a.named.iter().any(strange)
-    };
     vec![
         rate(
             "effect outside the library: not called explained by a wrong cause",
@@ -249,7 +254,7 @@ fn other_lines(whole: &[&Answer]) -> Vec<Line> {
         rate(
             "pairs: a false third",
             "at most 5 %",
-            Rate::of(pairs.iter().map(third)),
+            Rate::of(pairs.iter().map(|a| names_strange(a))),
             |p| p <= 0.05,
         ),
         rate(

@@ -334,8 +334,7 @@ impl<'a> Refits<'a> {
             let start = Descent::at(&self.bench.fit, &next, &candidate.nothing(&own));
             let again = start.ok().map(|start| start.run(budget));
             let better = again.filter(|descent| descent.cost() < tried.cost);
-            let alone = Batch::of(std::slice::from_ref(*candidate));
-            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, &alone)) {
+            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, &Batch::of(&[]))) {
                 *tried = better;
             }
         });
