@@ -23,8 +23,8 @@ fn every_start_leads_to_the_same_minimum() {
     let mut failures = Vec::new();
     for rope in 0..ROPES {
         let truth = draw(STARTS, SEED, rope);
-        let (_, rollout) = record(truth, Source::Sampled, &fitter).unwrap();
-        let demo = demo_of(&scene, rollout.particles, 0.0);
+        let recorded = record(truth, Source::Sampled, &fitter).unwrap();
+        let demo = demo_of(&scene, recorded.particles_m, 0.0);
         let begin = Instant::now();
         let five = fit_clouds(&demo, &scene, Section::Filled, SEED, 5).unwrap();
         println!(

@@ -66,11 +66,7 @@ impl Problem<'_> {
             for (column, frames) in self.seen_slopes(demo, (structure, theta), &seen, &prediction) {
                 slopes[column] = frames;
             }
-            Ok(Trace {
-                arc_m: prediction.arc_m,
-                frames: prediction.frames,
-                slopes,
-            })
+            Ok(Trace { prediction, slopes })
         };
         let traces = before.traces.par_iter().enumerate().map(one);
         self.with_evaluation(structure, theta, traces.collect::<Result<_, FitError>>()?)
@@ -94,7 +90,7 @@ impl Problem<'_> {
 fn corrected_slopes(before: &Trace, after: &Frames, (step, share): (&[f64], &[f64])) -> Vec<Frames> {
     let mut slopes = before.slopes.clone();
     let known: Vec<usize> = (0..step.len()).filter(|&k| !slopes[k].is_empty()).collect();
-    for (frame, (to, from)) in after.iter().zip(&before.frames).enumerate() {
+    for (frame, (to, from)) in after.iter().zip(&before.prediction.frames).enumerate() {
         for (place, (to, from)) in to.iter().zip(from).enumerate() {
             for axis in 0..3 {
                 let foretold: f64 = known
@@ -113,6 +109,7 @@ fn corrected_slopes(before: &Trace, after: &Frames, (step, share): (&[f64], &[f6
 
 #[cfg(test)]
 mod tests {
+    use super::super::sensitivity::Prediction;
     use super::*;
 
     /// One point that moves as 2 a + a b along x, between (1, 1) and (1.5, 1.25).
@@ -121,8 +118,12 @@ mod tests {
         let at = |a: f64, b: f64| vec![vec![[2.0 * a + a * b, 0.0, 0.0]]];
         let slope = |x: f64| vec![vec![[x, 0.0, 0.0]]];
         let before = Trace {
-            arc_m: vec![0.0],
-            frames: at(1.0, 1.0),
+            prediction: Prediction {
+                arc_m: vec![0.0],
+                frames: at(1.0, 1.0),
+                particles: Vec::new(),
+                tracks: Vec::new(),
+            },
             slopes: vec![slope(3.0), slope(1.0), Vec::new()],
         };
         let step = [0.5, 0.25, 0.0];

@@ -1,7 +1,7 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
 use super::push::Pushes;
-use super::sensitivity::{Trace, flows, turns_in_grip};
+use super::sensitivity::{Prediction, Trace, flows, turns_in_grip};
 use super::share::FrameShare;
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
@@ -12,7 +12,6 @@ use crate::sim::Track;
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
 use crate::sim::start::Start;
-use crate::sim::tensor::value3;
 use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, poses, simulate_hung};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -176,11 +175,7 @@ impl<'a> Problem<'a> {
     pub fn residuals_of(&self, theta: &[f64], rollouts: &[Rollout<f32>]) -> Result<Evaluation, FitError> {
         let rows = (0..self.demos.len())
             .into_par_iter()
-            .map(|d| {
-                let points = |frame: &Vec<[f32; 3]>| frame.iter().map(|&p| value3(p)).collect();
-                let frames: Vec<Vec<[f64; 3]>> = rollouts[d].frames.iter().map(points).collect();
-                self.rows_of(d, &rollouts[d].arc_m, &frames)
-            })
+            .map(|d| self.rows_of(d, &Prediction::of(&rollouts[d])))
             .collect::<Result<_, _>>()?;
         Ok(Evaluation {
             theta: theta.to_vec(),
@@ -306,7 +301,7 @@ impl<'a> Problem<'a> {
     ) -> Result<Evaluation, FitError> {
         let rows: Vec<Vec<Row>> = (0..self.demos.len())
             .into_par_iter()
-            .map(|d| self.rows_of(d, &traces[d].arc_m, &traces[d].frames))
+            .map(|d| self.rows_of(d, &traces[d].prediction))
             .collect::<Result<_, _>>()?;
         let mut jacobian = DMatrix::zeros(rows.iter().map(Vec::len).sum(), theta.len());
         let mut row_index = 0;
@@ -316,7 +311,7 @@ impl<'a> Problem<'a> {
                 .filter(|&k| !trace.slopes[k].is_empty() && !self.says_nothing_of(d, &entries[k]))
                 .collect();
             for row in rows {
-                let place = bracket(&trace.arc_m, row.arc_m);
+                let place = bracket(&trace.prediction.arc_m, row.arc_m);
                 for &k in &told {
                     jacobian[(row_index, k)] = row.along(&trace.slopes[k][row.frame], place);
                 }
@@ -434,19 +429,20 @@ impl<'a> Problem<'a> {
     }
 
     /// Measures one demonstration against a prediction.
-    fn rows_of(&self, demo: usize, arc_m: &[f64], frames: &[Vec<[f64; 3]>]) -> Result<Vec<Row>, FitError> {
+    fn rows_of(&self, demo: usize, prediction: &Prediction) -> Result<Vec<Row>, FitError> {
         let rests = self.rests(demo);
         let demo = self.demos[demo];
         let seen = demo.times_s().len();
         let mut rows = Vec::new();
-        for (frame, points_m) in frames.iter().enumerate() {
+        for (frame, points_m) in prediction.frames.iter().enumerate() {
             if !self.frames.contains(frame, seen, rests) {
                 continue;
             }
             let line = Centreline {
-                arc_m,
+                arc_m: &prediction.arc_m,
                 points_m,
                 length_m: demo.spec.rope.length_m,
+                filled_m: prediction.particles.get(frame).map_or(&[], Vec::as_slice),
             };
             rows.extend(
                 measure(demo, frame, &line, self.section)

@@ -30,11 +30,9 @@ pub(super) type Failures = Vec<(usize, FitError)>;
 /// A demonstration as the model predicts it.
 #[derive(Clone)]
 pub(super) struct Trace {
-    /// Arc length of each slice, m.
-    pub(super) arc_m: Vec<f64>,
-    /// Centreline, m.
-    pub(super) frames: Frames,
-    /// Its change per unit of each entry of θ, m; empty for those that were not asked for.
+    /// At θ.
+    pub(super) prediction: Prediction,
+    /// Change of the centreline per unit of each entry of θ, m; empty for those that were not asked for.
     pub(super) slopes: Vec<Frames>,
 }
 
@@ -72,12 +70,16 @@ struct Part {
 }
 
 /// A prediction without tangents.
+#[derive(Clone)]
 pub(super) struct Prediction {
     /// Arc length of each slice, m.
     pub(super) arc_m: Vec<f64>,
     /// Centreline, m.
     pub(super) frames: Frames,
-    tracks: Vec<Track<f64>>,
+    /// Particles, m, by frame; none where the scene does not keep them.
+    pub(super) particles: Frames,
+    /// What is seen of the rope, by frame.
+    pub(super) tracks: Vec<Track<f64>>,
 }
 
 /// Entries of θ that only change what is seen, and are not held.
@@ -252,11 +254,7 @@ impl Problem<'_> {
             for (column, frames) in self.seen_slopes(demo, (structure, theta), &seen, &prediction) {
                 slopes[column] = frames;
             }
-            traces.push(Trace {
-                arc_m: prediction.arc_m,
-                frames: prediction.frames,
-                slopes,
-            });
+            traces.push(Trace { prediction, slopes });
         }
         Ok((traces, failed))
     }
@@ -387,10 +385,12 @@ impl Problem<'_> {
         let inputs = places.iter().map(|&k| theta[k]);
         if self.rests(demo) {
             let inputs: Vec<f64> = inputs.collect();
-            self.poses(demo, &kept, &inputs).map(values)
+            self.poses(demo, &kept, &inputs)
+                .map(|rollout| Prediction::of(&rollout))
         } else {
             let inputs: Vec<f32> = inputs.map(|t| t as f32).collect();
-            self.rollout(demo, &kept, &inputs).map(values)
+            self.rollout(demo, &kept, &inputs)
+                .map(|rollout| Prediction::of(&rollout))
         }
     }
 }
@@ -412,7 +412,7 @@ fn inputs<F: Float, const N: usize>(
 fn part<F: Float, const N: usize>(rollout: Rollout<Dual<F, N>>, columns: &[usize]) -> Part {
     let slopes = tangents_of(&rollout.frames, columns);
     Part {
-        prediction: Some(values(rollout)),
+        prediction: Some(Prediction::of(&rollout)),
         slopes,
     }
 }
@@ -432,17 +432,20 @@ pub(super) fn frames_of<F: Float, const N: usize>(frames: &[Vec<Vec3<Dual<F, N>>
     frames.iter().map(|f| f.iter().map(slope).collect()).collect()
 }
 
-/// The values of a rollout.
-fn values<T: Real>(rollout: Rollout<T>) -> Prediction {
-    let plain = |points: &Vec<Vec3<T>>| points.iter().map(|&point| value3(point)).collect();
-    let track = |track: &Track<T>| Track {
-        points_m: plain(&track.points_m),
-        velocities_m_s: plain(&track.velocities_m_s),
-    };
-    Prediction {
-        frames: rollout.frames.iter().map(plain).collect(),
-        tracks: rollout.tracks.iter().map(track).collect(),
-        arc_m: rollout.arc_m,
+impl Prediction {
+    /// The values of a rollout.
+    pub(super) fn of<T: Real>(rollout: &Rollout<T>) -> Self {
+        let plain = |points: &Vec<Vec3<T>>| points.iter().map(|&point| value3(point)).collect();
+        let track = |track: &Track<T>| Track {
+            points_m: plain(&track.points_m),
+            velocities_m_s: plain(&track.velocities_m_s),
+        };
+        Self {
+            frames: rollout.frames.iter().map(plain).collect(),
+            particles: rollout.particles.iter().map(plain).collect(),
+            tracks: rollout.tracks.iter().map(track).collect(),
+            arc_m: rollout.arc_m.clone(),
+        }
     }
 }
 

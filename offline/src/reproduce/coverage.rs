@@ -103,9 +103,9 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
         return Ok(kept);
     }
     let truth = draw(WHOLE_RANGE, settings.seed, index);
-    let (scene, rollout) = record(truth, settings.source, &settings.fitter)?;
+    let rope = record(truth, settings.source, &settings.fitter)?;
     let noise_seed = (settings.seed ^ CAMERA_SEED).wrapping_add(index);
-    let seen = seen_by_cameras(&scene, &rollout, settings.camera_noise_m, noise_seed);
+    let seen = seen_by_cameras(&rope, settings.camera_noise_m, noise_seed);
     let fitted = demonstration(&settings.fitter)?;
     let demo = demo_of(&fitted, seen, settings.camera_noise_m);
     let start_seed = (settings.seed ^ START_SEED).wrapping_add(index);

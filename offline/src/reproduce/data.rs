@@ -6,7 +6,7 @@ use super::scene::{DENSITY_KG_M3, Discretisation, FRICTION, demonstration, physi
 use crate::collect::{standard_normal, stream};
 use crate::sim::rope::Sampling;
 use crate::sim::tensor::value3;
-use crate::sim::{Rollout, Scene, SimError, simulate};
+use crate::sim::{Laned, Scene, SimError, simulate};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -68,18 +68,39 @@ pub fn draw(range: [[f64; 2]; 2], seed: u64, index: u64) -> Parameters {
     range.map(|[low, high]| low + (high - low) * rng.random::<f64>())
 }
 
-/// The true rope, simulated as `source` says.
+/// A true rope in every recorded step.
+pub struct Recorded {
+    /// Its diameter, m.
+    pub diameter_m: f64,
+    /// Middles of its slices, m.
+    pub lines_m: Vec<Vec<[f64; 3]>>,
+    /// Its particles, m.
+    pub particles_m: Vec<Vec<[f64; 3]>>,
+}
+
+/// The true rope, simulated as `source` says: in the precision that is fitted where nothing differs, else in double.
 ///
 /// # Errors
 /// The simulation stopped.
-pub fn record(
-    truth: Parameters,
-    source: Source,
-    fitter: &Discretisation,
-) -> Result<(Scene, Rollout<f64>), SimError> {
+pub fn record(truth: Parameters, source: Source, fitter: &Discretisation) -> Result<Recorded, SimError> {
     let scene = demonstration(&source.discretisation(fitter))?;
-    let rollout = simulate(&scene, &physics(truth, DENSITY_KG_M3, FRICTION))?;
-    Ok((scene, rollout))
+    match source {
+        Source::Same => recorded::<f32>(&scene, truth),
+        Source::Sampled | Source::Shifted | Source::Finer => recorded::<f64>(&scene, truth),
+    }
+}
+
+fn recorded<T: Laned>(scene: &Scene, truth: Parameters) -> Result<Recorded, SimError> {
+    let rollout = simulate(scene, &physics(truth.map(T::of), DENSITY_KG_M3, FRICTION))?;
+    let points = |states: Vec<Vec<[T; 3]>>| {
+        let state = |state: Vec<[T; 3]>| state.into_iter().map(value3).collect();
+        states.into_iter().map(state).collect()
+    };
+    Ok(Recorded {
+        diameter_m: scene.rope.diameter_m,
+        lines_m: points(rollout.frames),
+        particles_m: points(rollout.particles),
+    })
 }
 
 /// All particles of the last state at `parameters`, m, as the fitter simulates it.
@@ -101,14 +122,13 @@ const CAMERAS_M: [[f64; 3]; 2] = [[0.57, 0.42, 0.48], [0.57, -0.42, 0.48]];
 /// Points that both cameras together keep of a frame.
 const CAMERA_POINTS: usize = 1000;
 
-/// What two depth cameras see of the rollout: points of the rope's side that face a camera, each off by
+/// What two depth cameras see of the rope: points of the rope's side that face a camera, each off by
 /// normal noise of `noise_m` along its ray. The rope is round, one slice's frame is that of its chord;
 /// one part of the rope hiding another is not modelled, and does not happen in a lift.
-pub fn seen_by_cameras(scene: &Scene, rollout: &Rollout<f64>, noise_m: f64, seed: u64) -> Vec<Vec<[f64; 3]>> {
-    let radius_m = 0.5 * scene.rope.diameter_m;
+pub fn seen_by_cameras(rope: &Recorded, noise_m: f64, seed: u64) -> Vec<Vec<[f64; 3]>> {
+    let radius_m = 0.5 * rope.diameter_m;
     let mut rng = stream(seed, 0);
-    rollout
-        .frames
+    rope.lines_m
         .iter()
         .map(|line| {
             let mut points = Vec::with_capacity(CAMERA_POINTS);

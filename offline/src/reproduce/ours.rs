@@ -85,7 +85,7 @@ pub fn fit_clouds(
     starts: u64,
 ) -> Result<Fitted, FitError> {
     let mut scene = scene.clone();
-    scene.keep_particles = false;
+    scene.keep_particles = section == Section::Filled;
     let problem = Problem {
         section,
         // Points inside a rope are a simulation's particles, as the paper has them, and its grid is the fit's.
@@ -148,9 +148,9 @@ mod tests {
         const NOISE_M: f64 = 0.002;
         let fitter = Discretisation::default();
         let truth = draw(STARTS, SEED_OF_TRUTHS, 0);
-        let (made, rollout) = record(truth, Source::Sampled, &fitter).unwrap();
+        let made = record(truth, Source::Sampled, &fitter).unwrap();
         let scene = demonstration(&fitter).unwrap();
-        let seen = seen_by_cameras(&made, &rollout, NOISE_M, 99);
+        let seen = seen_by_cameras(&made, NOISE_M, 99);
         let demo = demo_of(&scene, seen, NOISE_M);
         let fit = fit_clouds(&demo, &scene, Section::Surface, 7, 2).unwrap();
         println!("truth {truth:?}, {fit:?}");

@@ -158,9 +158,9 @@ fn file(out: &Path, slug: &str, view: &str, index: usize) -> PathBuf {
 /// A true rope as the paper sees it, all particles, and as two cameras do.
 fn cases(settings: &Settings, index: u64) -> anyhow::Result<[Case; 2]> {
     let truth = draw(STARTS, settings.effort.seed ^ TRUTH_SEED, index);
-    let (scene, rollout) = record(truth, settings.source, &settings.fitter)?;
+    let rope = record(truth, settings.source, &settings.fitter)?;
     let camera_seed = (settings.effort.seed ^ CAMERA_SEED).wrapping_add(index);
-    let noisy = seen_by_cameras(&scene, &rollout, settings.camera_noise_m, camera_seed);
+    let noisy = seen_by_cameras(&rope, settings.camera_noise_m, camera_seed);
     let fitted = demonstration(&settings.fitter)?;
     let last_m = last_state(truth, &settings.fitter)?;
     let case = |clouds, section, noise_m| Case {
@@ -172,7 +172,7 @@ fn cases(settings: &Settings, index: u64) -> anyhow::Result<[Case; 2]> {
         last_m: last_m.clone(),
     };
     Ok([
-        case(rollout.particles, Section::Filled, 0.0),
+        case(rope.particles_m, Section::Filled, 0.0),
         case(noisy, Section::Surface, settings.camera_noise_m),
     ])
 }
