@@ -85,7 +85,6 @@ impl Choice {
         options: &LoopOptions,
         progress: &dyn Fn(&str),
     ) -> Result<(), FitError> {
-        let refined = options.without != Some(Part::Refinement);
         sort_by_likelihood(&mut tried);
         if !tried.is_empty() {
             let leave: Vec<String> = tried.iter().map(|t| t.refit.in_brief()).collect();
@@ -96,18 +95,11 @@ impl Choice {
         }
         for one in tried {
             let mut refit = one.refit;
-            let name = effects::together(&refit.ids);
             let model = Standing::judged(one.structure, one.fitted, refit.held_out.clone());
-            if refined && self.accepted.is_none() && refit.passed {
-                progress(&format!("checking {name} on a finer grid"));
-                refit.ask(refine(bench, &model, &refit.ids, &now.left)?);
-                for failed in refit.gates.iter().filter(|gate| !gate.passed) {
-                    progress(&format!("not {}: {}", failed.name, failed.detail));
-                }
-            }
-            if self.accepted.is_none() && refit.passed && refit.ids.len() > 1 {
-                progress(&format!("asking whether {name} are all needed"));
-                refit.ask(vec![superfluous(&needs_not(bench, &model, &refit.ids))]);
+            if self.accepted.is_none() && refit.passed {
+                refit.ask(last_gates(
+                    bench, &model, &refit.ids, &now.left, options, progress,
+                )?);
             }
             self.consider(&refit, model);
             self.refits.push(refit);
@@ -129,6 +121,35 @@ impl Choice {
         }
         self.second.get_or_insert_with(|| KeptModel::of(&model));
     }
+}
+
+/// What is asked last of a model that passed everything else, because it costs most: whether the effects `added` stay the
+/// same on a finer grid and, of several, whether each is needed. `before` is what the model leaves without them.
+///
+/// # Errors
+/// The finer grid cannot be simulated.
+pub(super) fn last_gates(
+    bench: &Bench,
+    model: &Standing,
+    added: &[String],
+    before: &ResidualSummary,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Vec<Gate>, FitError> {
+    let name = effects::together(added);
+    let mut gates = Vec::new();
+    if options.without != Some(Part::Refinement) {
+        progress(&format!("checking {name} on a finer grid"));
+        gates = refine(bench, model, added, before)?;
+    }
+    if added.len() > 1 && gates.iter().all(|gate| gate.passed) {
+        progress(&format!("asking whether {name} are all needed"));
+        gates.push(superfluous(&needs_not(bench, model, added)));
+    }
+    for failed in gates.iter().filter(|gate| !gate.passed) {
+        progress(&format!("not {}: {}", failed.name, failed.detail));
+    }
+    Ok(gates)
 }
 
 /// Sorts refits, the likeliest first.
@@ -194,7 +215,7 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
 /// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was
 /// extended by; `before` is what was left without them. The prior is as heavy as it was on the fit's grid: damping beside
 /// a lag was held there at half of what the offsets said, and without that prior the finer grid alone said it all.
-pub(super) fn refine(
+fn refine(
     bench: &Bench,
     model: &Standing,
     added: &[String],

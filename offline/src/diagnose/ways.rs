@@ -2,12 +2,12 @@
 //! the first round may be the cause of what the first stands in for. Air drag was, by what was held out, before the damping
 //! of a real cable, whose rest shape then fitted nothing.
 
-use super::choice::{Standing, likelier, refine};
+use super::choice::{Standing, last_gates, likelier};
 use super::conclude::{WHITE_FLOORS, excess_mm};
 use super::memory::{KeptModel, Memory};
 use super::revise::{better, needed};
 use super::round::{Round, one_round};
-use super::rounds::{Bench, LoopOptions, Part, physical_effects};
+use super::rounds::{Bench, LoopOptions, physical_effects};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, FitResult, Library};
 use crate::model::Structure;
@@ -90,15 +90,13 @@ fn other_beginning(
         dropped: Vec::new(),
         ..first.clone()
     };
-    if options.without != Some(Part::Refinement) {
-        let gates = refine(bench, &now, &kept.effects, before)?;
-        if let Some(failed) = gates.iter().find(|gate| !gate.passed) {
-            progress(&format!("not {}: {}", failed.name, failed.detail));
-            return Ok(None);
-        }
-        if let Some(refit) = round.refits.iter_mut().find(|refit| refit.ids == kept.effects) {
-            refit.ask(gates);
-        }
+    let gates = last_gates(bench, &now, &kept.effects, before, options, progress)?;
+    let passed = gates.iter().all(|gate| gate.passed);
+    if let Some(refit) = round.refits.iter_mut().find(|refit| refit.ids == kept.effects) {
+        refit.ask(gates);
+    }
+    if !passed {
+        return Ok(None);
     }
     Ok(Some(SoFar {
         now,

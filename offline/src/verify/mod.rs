@@ -10,7 +10,7 @@ mod clamps;
 mod contact;
 mod golden;
 mod invariance;
-pub mod misses;
+mod misses;
 mod motion;
 mod plots;
 pub mod random;

@@ -62,13 +62,14 @@ pub(super) struct MotionCotangent {
 }
 
 impl MotionCotangent {
-    /// Adds those of a register of particles: `bar` with respect to their places, which lie at
-    /// `offset_m` from the clamp.
-    pub(super) fn add<L: Lanes>(&mut self, bar: Vec3<L>, offset_m: &Vec3<L>) {
+    /// Adds those of registers of particles: sums of the derivatives with respect to their places, and of these times
+    /// where they lie from the clamp, m.
+    #[inline(always)]
+    pub(super) fn add<L: Lanes>(&mut self, position: Vec3<L>, rotation: &Mat3<L>) {
         for a in 0..3 {
-            self.position[a] += total(bar[a]);
+            self.position[a] += total(position[a]);
             for b in 0..3 {
-                self.rotation[a][b] += total(bar[a] * offset_m[b]);
+                self.rotation[a][b] += total(rotation[a][b]);
             }
         }
     }

@@ -4,7 +4,7 @@ use super::laws::Tape;
 use super::nodes::{NodeForces, pull_back_free};
 use super::paths::{MotionCotangent, PathGradients};
 use super::seeds::Seeds;
-use super::state::{StateCotangent, total};
+use super::state::{MassBars, StateCotangent, total};
 use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
@@ -17,7 +17,7 @@ use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS, forget};
 use crate::sim::real::Arithmetic;
 use crate::sim::rollout::Setup;
 use crate::sim::sweep::Sweep;
-use crate::sim::tensor::{Mat3, Vec3, scaled};
+use crate::sim::tensor::{Mat3, Vec3, zero3};
 
 /// Runs back over a rollout. `engine` is as the last step left it.
 #[inline(always)]
@@ -71,6 +71,12 @@ struct Totals {
     clamp_stiffness: f64,
 }
 
+/// Those of them that are summed over the nodes of a step, in registers.
+struct NodeSums<L> {
+    gravity: Vec3<L>,
+    friction: L,
+}
+
 struct WayBack<'a, F: Precision, I: Instructions> {
     setup: &'a Setup<'a, F>,
     vars: &'a Setup<'a, Var>,
@@ -90,7 +96,7 @@ struct WayBack<'a, F: Precision, I: Instructions> {
     /// Derivatives with respect to masses, by node and by particle; only filled where masses depend on
     /// parameters.
     node_mass_bars: Vec<f64>,
-    mass_bars: Vec<f64>,
+    mass_bars: MassBars,
     weighed: bool,
     totals: Totals,
     paths: PathGradients,
@@ -117,7 +123,11 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             clamp_bars: vec![F::zero(); CLAMP_ROWS * nodes],
             contact_bars: vec![F::zero(); CONTACT_ROWS * nodes],
             node_mass_bars: vec![0.0; nodes],
-            mass_bars: vec![0.0; setup.masses_kg.len()],
+            mass_bars: MassBars {
+                by_particle: vec![0.0; setup.masses_kg.len()],
+                section: setup.context.section,
+                slices: setup.layout.slices.len(),
+            },
             weighed: !setup.context.physics.mass_laws.is_empty(),
             totals: Totals::default(),
             paths: PathGradients::new(vars),
@@ -263,7 +273,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     #[inline(always)]
     fn nodes(&mut self, velocities: [&[F]; 2], kept: f64) {
         let width = self.engine.blocks.transfer.width;
-        let mut gravity = [F::Plain::<I>::zero(); 3];
+        let mut sums = NodeSums {
+            gravity: [F::Plain::<I>::zero(); 3],
+            friction: F::Plain::<I>::zero(),
+        };
         let constrained = self.engine.blocks.constrained.iter().any(|&c| c);
         if constrained {
             self.clamp_bars.fill(F::zero());
@@ -271,13 +284,13 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
         for plane in 0..self.engine.blocks.transfer.planes {
             if self.engine.blocks.constrained[plane] || self.weighed {
-                for node in 0..width {
-                    self.node(plane, node, velocities, kept);
+                for node in (0..width).step_by(Self::count()) {
+                    self.under_springs(plane, node, velocities, kept, &mut sums);
                 }
                 continue;
             }
             let inverse = &self.engine.masses.inverse.channel(0)[plane * width..];
-            for (a, gravity) in gravity.iter_mut().enumerate() {
+            for (a, gravity) in sums.gravity.iter_mut().enumerate() {
                 let first = (3 * plane + a) * width;
                 let row = &mut self.node_bars[first..first + width];
                 let impulses = &mut self.impulse_bars[first..first + width];
@@ -290,42 +303,64 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
             }
         }
         for a in 0..3 {
-            self.totals.gravity[a] += total(gravity[a]) * self.setup.context.dt_s;
+            self.totals.gravity[a] += total(sums.gravity[a]) * self.setup.context.dt_s;
         }
+        self.totals.friction += total(sums.friction);
     }
 
-    /// The same for one node with all that may act on it.
-    fn node(&mut self, plane: usize, node: usize, [before, after]: [&[F]; 2], kept: f64) {
+    /// The same for as many nodes as a register has lanes, with all that may act on them.
+    #[inline(always)]
+    fn under_springs(
+        &mut self,
+        plane: usize,
+        node: usize,
+        [before, after]: [&[F]; 2],
+        kept: f64,
+        sums: &mut NodeSums<F::Plain<I>>,
+    ) {
         let (context, width) = (&self.setup.context, self.engine.blocks.transfer.width);
-        let at = |rows: usize, row: usize| (plane * rows + row) * width + node;
+        let row = |rows: usize, row: usize| (plane * rows + row) * width + node;
         let (nodes, masses) = (&self.engine.blocks, &self.engine.masses);
-        let mass = masses.mass.channel(0)[at(1, 0)];
-        if mass.value() == 0.0 {
-            return;
+        let load = F::Plain::<I>::load;
+        let mut clamp = [F::Plain::<I>::zero(); 4];
+        for (k, value) in clamp.iter_mut().enumerate() {
+            *value = load(&nodes.clamps.channel(0)[row(CLAMP_ROWS, k)..]);
         }
-        let vector = |values: &[F]| -> Vec3<F> { std::array::from_fn(|a| values[at(3, a)]) };
-        let forces = NodeForces {
-            mass,
-            clamp: &std::array::from_fn(|row| nodes.clamps.channel(0)[at(CLAMP_ROWS, row)]),
-            start: vector(before),
-            contact: nodes.contact.channel(0)[at(CONTACT_ROWS, 0)],
-            friction: context.physics.friction,
-        };
-        let bar = forces.pull_back(vector(after), vector(&self.node_bars));
-        let fall = scaled(context.physics.gravity_m_s2, context.dt_s);
-        let inverse = masses.inverse.channel(0)[at(1, 0)];
-        let free = pull_back_free(&bar, inverse, vector(before), fall, kept);
+        let zero: Vec3<F::Plain<I>> = zero3();
+        let (mut fall, mut bar, mut start, mut now) = (zero, zero, zero, zero);
         for a in 0..3 {
-            self.node_bars[at(3, a)] = free.velocity[a];
-            self.impulse_bars[at(3, a)] = free.impulse[a];
-            self.totals.gravity[a] += bar.velocity[a].value() * context.dt_s;
+            fall[a] = F::Plain::<I>::splat(context.physics.gravity_m_s2[a].scale(context.dt_s));
+            bar[a] = load(&self.node_bars[row(3, a)..]);
+            start[a] = load(&before[row(3, a)..]);
+            now[a] = load(&after[row(3, a)..]);
         }
-        for row in 0..CLAMP_ROWS {
-            self.clamp_bars[at(CLAMP_ROWS, row)] = bar.clamp[row];
+        let forces = NodeForces {
+            mass: load(&masses.mass.channel(0)[row(1, 0)..]),
+            clamp,
+            start,
+            contact: load(&nodes.contact.channel(0)[row(CONTACT_ROWS, 0)..]),
+            friction: F::Plain::<I>::splat(context.physics.friction),
+        };
+        let bar = forces.pull_back(now, bar);
+        let inverse = load(&masses.inverse.channel(0)[row(1, 0)..]);
+        let free = pull_back_free(&bar, inverse, start, fall, kept);
+        for a in 0..3 {
+            free.velocity[a].store(&mut self.node_bars[row(3, a)..]);
+            free.impulse[a].store(&mut self.impulse_bars[row(3, a)..]);
+            sums.gravity[a] += bar.velocity[a];
         }
-        self.contact_bars[at(CONTACT_ROWS, 0)] = bar.contact;
-        self.totals.friction += bar.friction.value();
-        self.node_mass_bars[at(1, 0)] += (free.mass + bar.mass).value();
+        for (k, value) in bar.clamp.iter().enumerate() {
+            value.store(&mut self.clamp_bars[row(CLAMP_ROWS, k)..]);
+        }
+        bar.contact.store(&mut self.contact_bars[row(CONTACT_ROWS, 0)..]);
+        sums.friction += bar.friction;
+        if self.weighed {
+            let lanes = (free.mass + bar.mass).to_lanes();
+            let sums = &mut self.node_mass_bars[row(1, 0)..row(1, 0) + Self::count()];
+            for (sum, lane) in sums.iter_mut().zip(lanes) {
+                *sum += lane.value();
+            }
+        }
     }
 
     /// Transpose of the transfer to the grid, then what made the impulses; `carried` is the share of the
@@ -399,17 +434,6 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         }
     }
 
-    /// Adds values of a register, one per slice of a block, to those of the masses of a member.
-    fn add_to_masses(&mut self, block: usize, member: usize, values: F::Plain<I>) {
-        let slices = self.setup.layout.slices.len();
-        let first = block * Self::count();
-        for (lane, value) in values.to_lanes().into_iter().enumerate().take(slices - first) {
-            if lane < Self::count() {
-                self.mass_bars[(first + lane) * self.setup.context.section + member] += value.value();
-            }
-        }
-    }
-
     /// Derivative with respect to the masses whose momentum is `carried` over.
     fn weigh(
         &mut self,
@@ -427,7 +451,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 sum = change[a][b].times_plus(rate[a][b].scale(0.25), sum);
             }
         }
-        self.add_to_masses(block, member, sum.scale(carried));
+        self.mass_bars.add(block, member, sum.scale(carried));
     }
 
     /// Derivative with respect to the force field; `impulse` is summed over the members of the slices.
@@ -449,63 +473,63 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     }
 
     /// From the clamps' springs to the particles and to the motion of the clamps.
+    #[inline(always)]
     fn clamps(&mut self, motions: &[Option<RigidMotion<F>>], number: usize) {
-        let members = self.members();
-        let per_step = F::Plain::<I>::of(1.0 / self.setup.context.dt_s);
-        let splat = |x: F| F::Plain::<I>::splat(x);
         let mut of_motions = vec![MotionCotangent::default(); motions.len()];
         for held in 0..self.engine.blocks.held.len() {
-            let (block, grip) = (
-                self.engine.blocks.held[held].block,
-                self.engine.blocks.held[held].grip,
-            );
-            let Some(motion) = &motions[grip] else { continue };
-            let width = self.engine.blocks.transfer.width;
-            let transfer = &self.engine.blocks.transfer;
-            transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
-            let mask = self.engine.blocks.held[held].mask;
-            let springs = mask * splat(self.setup.context.clamp_stiffness);
-            let mut by_stiffness = F::Plain::<I>::zero();
-            for member in 0..members {
-                let index = block * members + member;
-                let (body, offset) = (
-                    &self.engine.blocks.bodies[index],
-                    &self.engine.blocks.held[held].offsets_m[member],
-                );
-                let row = |row: usize| {
-                    let nodes = &self.scratch[row * width..(row + 1) * width];
-                    self.engine.blocks.transfer.gather_value(member, nodes)
-                };
-                let stiffness = body.mass_kg * springs;
-                let mut by_mass = row(0);
-                let mut velocity = body.velocity_m_s;
-                let place: Vec3<F::Plain<I>> = std::array::from_fn(|a| {
-                    let bar = row(a + 1);
-                    let mut gap = splat(motion.position_m[a]) - body.position_m[a];
-                    for b in 0..3 {
-                        gap = splat(motion.rotation[a][b]).times_plus(offset[b], gap);
-                    }
-                    by_mass += bar * (gap * per_step - body.velocity_m_s[a].scale(KEPT));
-                    velocity[a] = (bar * stiffness).scale(KEPT);
-                    bar * stiffness * per_step
-                });
-                of_motions[grip].add(place, offset);
-                for a in 0..3 {
-                    self.bars[index].position[a] -= place[a];
-                    self.bars[index].velocity[a] -= velocity[a];
-                }
-                by_stiffness = by_mass.times_plus(body.mass_kg * mask, by_stiffness);
-                if self.weighed {
-                    self.add_to_masses(block, member, by_mass * springs);
-                }
+            let grip = self.engine.blocks.held[held].grip;
+            if let Some(motion) = &motions[grip] {
+                self.clamp(held, motion, &mut of_motions[grip]);
             }
-            self.totals.clamp_stiffness += total(by_stiffness);
         }
         for (grip, bar) in of_motions.iter().enumerate() {
             if motions[grip].is_some() {
                 self.paths.pull_back(self.session, self.vars, grip, number, bar);
             }
         }
+    }
+
+    /// The same for a share of a grip. No closures here either.
+    #[inline(always)]
+    fn clamp(&mut self, held: usize, motion: &RigidMotion<F>, of_motion: &mut MotionCotangent) {
+        let (members, width) = (self.members(), self.engine.blocks.transfer.width);
+        let per_step = F::Plain::<I>::of(1.0 / self.setup.context.dt_s);
+        let held = &self.engine.blocks.held[held];
+        let block = held.block;
+        let transfer = &self.engine.blocks.transfer;
+        transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
+        let springs = held.mask * F::Plain::<I>::splat(self.setup.context.clamp_stiffness);
+        let (mut position, mut rotation) = (zero3(), [zero3(); 3]);
+        let mut by_stiffness = F::Plain::<I>::zero();
+        for member in 0..members {
+            let index = block * members + member;
+            let (body, offset) = (&self.engine.blocks.bodies[index], &held.offsets_m[member]);
+            let stiffness = body.mass_kg * springs;
+            let mut by_mass = transfer.gather_value(member, &self.scratch[..width]);
+            let state = &mut self.bars[index];
+            for a in 0..3 {
+                let row = (a + 1) * width..(a + 2) * width;
+                let bar = transfer.gather_value(member, &self.scratch[row]);
+                let mut gap = F::Plain::<I>::splat(motion.position_m[a]) - body.position_m[a];
+                for b in 0..3 {
+                    gap = F::Plain::<I>::splat(motion.rotation[a][b]).times_plus(offset[b], gap);
+                }
+                by_mass += bar * (gap * per_step - body.velocity_m_s[a].scale(KEPT));
+                let place = bar * stiffness * per_step;
+                state.position[a] -= place;
+                state.velocity[a] -= (bar * stiffness).scale(KEPT);
+                position[a] += place;
+                for b in 0..3 {
+                    rotation[a][b] = place.times_plus(offset[b], rotation[a][b]);
+                }
+            }
+            by_stiffness = by_mass.times_plus(body.mass_kg * held.mask, by_stiffness);
+            if self.weighed {
+                self.mass_bars.add(block, member, by_mass * springs);
+            }
+        }
+        of_motion.add(position, &rotation);
+        self.totals.clamp_stiffness += total(by_stiffness);
     }
 
     /// From the table's push to heights and velocities of the slices.
@@ -524,7 +548,9 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 let transfer = &self.engine.blocks.transfer;
                 bar_push += transfer.gather_value(member, &self.scratch[..width]);
             }
-            self.add_to_masses(block, 0, bar_push * push.by_mass);
+            if self.weighed {
+                self.mass_bars.add(block, 0, bar_push * push.by_mass);
+            }
             // Height and velocity of a slice are means over its members.
             let bar_mean = bar_push.scale(1.0 / members as f64);
             for bar in &mut self.bars[block * members..(block + 1) * members] {
@@ -551,8 +577,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         for (index, mass) in self.vars.masses_kg.iter().enumerate() {
             let (slice, member) = (index / context.section, index % context.section);
             let transfer = &self.engine.blocks.transfer;
-            self.mass_bars[index] += transfer.weigh_back(slice, member, &self.node_mass_bars);
-            session.seed(*mass, self.mass_bars[index]);
+            self.mass_bars.by_particle[index] += transfer.weigh_back(slice, member, &self.node_mass_bars);
+            session.seed(*mass, self.mass_bars.by_particle[index]);
         }
         self.paths.seed_shifts(session, context.physics);
         if let Some(field) = &context.physics.force_field {

@@ -1,4 +1,4 @@
-//! Derivatives of the result with respect to the state of the particles, in registers.
+//! Derivatives of the result with respect to state and masses of the particles.
 
 use crate::sim::lanes::Lanes;
 use crate::sim::real::{Arithmetic, Real};
@@ -22,6 +22,28 @@ impl<L: Arithmetic> StateCotangent<L> {
             position: zero,
             velocity: zero,
             rate: [zero; 3],
+        }
+    }
+}
+
+/// Derivatives with respect to the particles' masses.
+pub(super) struct MassBars {
+    /// Particle by particle, 1/kg.
+    pub(super) by_particle: Vec<f64>,
+    /// Members of a slice.
+    pub(super) section: usize,
+    /// Slices of the rope.
+    pub(super) slices: usize,
+}
+
+impl MassBars {
+    /// Adds values of a register, one per slice of a block, to those of a member.
+    #[inline(always)]
+    pub(super) fn add<L: Lanes>(&mut self, block: usize, member: usize, values: L) {
+        let first = block * L::COUNT;
+        let lanes = values.to_lanes();
+        for (lane, value) in lanes.iter().enumerate().take(L::COUNT.min(self.slices - first)) {
+            self.by_particle[(first + lane) * self.section + member] += value.value();
         }
     }
 }
