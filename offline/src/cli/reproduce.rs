@@ -39,7 +39,7 @@ pub enum Reproduce {
         #[arg(long, value_parser = count(1..=100_000))]
         pointnet_epochs: Option<usize>,
         /// Only these estimators: each takes a minute, with the paper's 150 steps of Adam some. Leaves PointNet++ out, which
-        /// takes an hour to learn from as many demonstrations as the paper's, in 30 passes.
+        /// takes 40 minutes to learn from as many demonstrations as the paper's, in 30 passes.
         #[arg(long, num_args = 1.., value_name = "ESTIMATOR",
             value_parser = PossibleValuesParser::new(METHODS.map(Method::slug)))]
         only: Vec<String>,

@@ -91,12 +91,11 @@ fn other_beginning(
         ..first.clone()
     };
     let gates = last_gates(bench, &now, &kept.effects, before, options, progress)?;
-    let passed = gates.iter().all(|gate| gate.passed);
+    if gates.iter().any(|gate| !gate.passed) {
+        return Ok(None);
+    }
     if let Some(refit) = round.refits.iter_mut().find(|refit| refit.ids == kept.effects) {
         refit.ask(gates);
-    }
-    if !passed {
-        return Ok(None);
     }
     Ok(Some(SoFar {
         now,

@@ -110,11 +110,7 @@ fn recorded<T: Laned>(scene: &Scene, truth: Parameters) -> Result<Recorded, SimE
 pub fn last_state(parameters: Parameters, fitter: &Discretisation) -> Result<Vec<[f64; 3]>, SimError> {
     let mut scene = demonstration(fitter)?;
     scene.frame_times_s.drain(..super::scene::STEPS - 1);
-    let rollout = simulate::<f32>(
-        &scene,
-        &physics(parameters.map(|p| p as f32), DENSITY_KG_M3, FRICTION),
-    )?;
-    Ok(rollout.particles[0].iter().map(|&p| value3(p)).collect())
+    Ok(recorded::<f32>(&scene, parameters)?.particles_m.swap_remove(0))
 }
 
 /// Where the two cameras stand: in front to the left and to the right, looking down at the lift.

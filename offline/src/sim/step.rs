@@ -10,7 +10,7 @@ use super::material::{Material, Motion};
 use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::real::{Arithmetic, Real};
 use super::scene::Scene;
-use super::tensor::{Mat3, Vec3, add, mul, scaled, sub, zero3};
+use super::tensor::{Mat3, Vec3, add, mul, scaled, select3, sub, zero3};
 
 /// What moves with the rope.
 #[derive(Clone, Copy, Debug)]
@@ -344,11 +344,7 @@ pub fn clamp_node<T: Arithmetic>(velocity: Vec3<T>, before: Vec3<T>, mass: T, cl
     let inverse = T::one() / (mass + stiffness);
     let asked = add(scaled(mul(before, stiffness), KEPT), [px, py, pz]);
     let asked = mul(add(mul(velocity, mass), asked), inverse);
-    [
-        T::select(held, asked[0], velocity[0]),
-        T::select(held, asked[1], velocity[1]),
-        T::select(held, asked[2], velocity[2]),
-    ]
+    select3(held, asked, velocity)
 }
 
 /// Moves a particle on with its nodes.

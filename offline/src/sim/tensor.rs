@@ -49,6 +49,16 @@ pub fn scaled<T: Arithmetic>(a: Vec3<T>, c: f64) -> Vec3<T> {
     [a[0].scale(c), a[1].scale(c), a[2].scale(c)]
 }
 
+/// The components of `yes` where the mask holds, of `no` elsewhere.
+#[inline(always)]
+pub fn select3<T: Arithmetic>(mask: T::Mask, yes: Vec3<T>, no: Vec3<T>) -> Vec3<T> {
+    [
+        T::select(mask, yes[0], no[0]),
+        T::select(mask, yes[1], no[1]),
+        T::select(mask, yes[2], no[2]),
+    ]
+}
+
 /// a · b.
 #[inline(always)]
 pub fn dot<T: Arithmetic>(a: Vec3<T>, b: Vec3<T>) -> T {

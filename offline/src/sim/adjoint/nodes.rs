@@ -6,7 +6,7 @@
 use crate::sim::clamp::KEPT;
 use crate::sim::lanes::Lanes;
 use crate::sim::real::Float;
-use crate::sim::tensor::{Vec3, add, dot, mul, scaled, sub, zero3};
+use crate::sim::tensor::{Vec3, add, dot, mul, scaled, select3, sub, zero3};
 
 /// What acts on as many nodes as a register has lanes.
 pub(super) struct NodeForces<L> {
@@ -34,17 +34,7 @@ pub(super) struct NodeCotangent<L> {
     pub(super) friction: L,
 }
 
-// Loops, not closures: those would not be compiled for the registers' instructions.
-
-/// The components of `yes` where the mask holds, of `no` elsewhere.
-#[inline(always)]
-fn select3<L: Lanes>(mask: L::Mask, yes: Vec3<L>, no: Vec3<L>) -> Vec3<L> {
-    [
-        L::select(mask, yes[0], no[0]),
-        L::select(mask, yes[1], no[1]),
-        L::select(mask, yes[2], no[2]),
-    ]
-}
+// No closures: they would not be compiled for the registers' instructions.
 
 /// |x|.
 #[inline(always)]
