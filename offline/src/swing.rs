@@ -5,7 +5,9 @@ use crate::fit::Resolution;
 use crate::model::Structure;
 use crate::sim::physics::GRAVITY_M_S2;
 use crate::sim::rest::rest_near;
+use crate::sim::rollout::grip_motions;
 use crate::sim::rope::RopeShape;
+use crate::sim::tensor::{norm, sub};
 use crate::sim::{Cause, Physics, Real, Scene, SimError, simulate};
 use shared::task::SwingTask;
 
@@ -43,6 +45,11 @@ const FIRST_LEAN_RAD: f64 = 0.3;
 const ARRIVAL_S: f64 = 0.05;
 /// How long the rope then comes nearer to rest, s.
 const CALM_S: f64 = 0.15;
+/// How near to where it opens a gripper counts as arrived, m. A fiftieth of the rope's diameter: the rest is sought
+/// with the gripper where it opens.
+const THERE_M: f64 = 3e-4;
+/// How long before it opens the gripper is asked where that is, s.
+const OPENING_S: f64 = 1e-6;
 
 impl SimulatedSwing {
     /// Coefficients and laws of a rope, with gravity that leans out of the plane.
@@ -67,10 +74,9 @@ impl SimulatedSwing {
     /// Damped ropes go the long way in double precision. What they remember of their strain has died out at rest, but in
     /// legs one of 0.9 MPa and 5 ms reached 0.4 mm less than from the true approach; why is not known.
     fn reach_in_legs(&self, scene: &Scene, young_pa: f64, poisson: f64) -> Result<Option<f64>, SimError> {
-        let knots = scene.grips[1].path.knots();
-        // The last knot opens, the one before ends the motion.
-        let there_s = knots[knots.len() - 2].t_s + ARRIVAL_S;
         let release_s = scene.score_from_s;
+        let double = self.physics::<f64>(young_pa, poisson, LEAN_RAD);
+        let there_s = arrival_s(scene, &double) + ARRIVAL_S;
         let first = Scene {
             duration_s: there_s,
             ..scene.clone()
@@ -81,9 +87,8 @@ impl SimulatedSwing {
         let calm = scene.leg(placed, there_s, there_s + CALM_S);
         let placed = simulate(&calm, &single)?.end;
         let settling = scene.leg(placed, there_s, release_s);
-        let double = self.physics::<f64>(young_pa, poisson, LEAN_RAD);
         // Newton's method need not find the rest; time does.
-        let rest = match rest_near(&settling, &double) {
+        let rest = match rest_near(&settling, &double, release_s - there_s - OPENING_S) {
             Ok(rest) => rest,
             Err(_) => simulate(&settling, &double)?.end,
         };
@@ -108,6 +113,33 @@ impl Swinger for SimulatedSwing {
             .map_err(|error| refusal(&error))?
             .ok_or_else(|| SwingRefusal::Failed("the swing ended before the release".into()))
     }
+}
+
+/// When the gripper has come to where it opens, s: at the end of its path, or later where it lags behind that.
+fn arrival_s(scene: &Scene, physics: &Physics<f64>) -> f64 {
+    let release_s = scene.score_from_s;
+    let places = |t_s: f64| -> Vec<_> {
+        let motions = grip_motions(scene, physics, t_s, 0.0);
+        motions
+            .into_iter()
+            .flatten()
+            .map(|motion| motion.position_m)
+            .collect()
+    };
+    let last = places(release_s - OPENING_S);
+    let is_there = |t_s: f64| {
+        let pairs = places(t_s).into_iter().zip(&last);
+        pairs
+            .into_iter()
+            .all(|(here, end)| norm(sub(here, *end)) < THERE_M)
+    };
+    let knots = scene.grips[1].path.knots();
+    // The last knot opens, the one before ends the motion.
+    let mut t_s = knots[knots.len() - 2].t_s;
+    while t_s < release_s - 2.0 * CALM_S && !is_there(t_s) {
+        t_s += ARRIVAL_S;
+    }
+    t_s
 }
 
 fn refusal(error: &SimError) -> SwingRefusal {

@@ -216,19 +216,19 @@ pub fn settle_poses(scene: &mut Scene, physics: &Physics<f64>) -> Result<(), Sim
     Ok(())
 }
 
-/// The rope at rest as its clamps stand at first, from where the scene says that its particles are.
+/// The rope at rest as its clamps stand at `t_s`, from where the scene says that its particles are.
 ///
 /// # Errors
 /// No rest state was found, or the rope turned inside out on the way.
 ///
 /// # Panics
 /// The scene says nothing about its particles.
-pub fn rest_near(scene: &Scene, physics: &Physics<f64>) -> Result<Vec<Placed>, SimError> {
+pub fn rest_near(scene: &Scene, physics: &Physics<f64>, t_s: f64) -> Result<Vec<Placed>, SimError> {
     let Start::Placed(start) = &scene.start else {
         panic!("the scene says where its particles are");
     };
     let statics = Statics::new(scene, physics);
-    let held = statics.held(0.0);
+    let held = statics.held(t_s);
     let hold = Hold {
         clamps: &held,
         pins: &[],

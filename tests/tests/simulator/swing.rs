@@ -90,3 +90,29 @@ fn a_swing_of_the_policy_begins_at_the_rest_of_the_true_approach() {
         }
     });
 }
+
+/// A gripper that lags has arrived long before it opens, so the rope swings as without the lag. Seen: the rest was sought
+/// where a lagged gripper stands just after its path has ended, and 0.1 s took 53 mm from the reach.
+#[test]
+fn a_gripper_that_lags_behind_its_path_releases_where_it_was_told_to() {
+    let reach_m = |lag_s: Option<f64>, release_m| {
+        let swing = SimulatedSwing {
+            rope: rope(0.25, 0.014),
+            task: SwingTask::PAPER,
+            structure: lag_s.map_or(Structure::default(), |_| {
+                Structure::of_ids(&["gripper_lag".into()])
+            }),
+            effect_values: lag_s.into_iter().collect(),
+            resolution: Resolution { cells: 1.5 },
+        };
+        swing.reach_m(1e6, POISSON, release_m).unwrap()
+    };
+    for release_m in [[0.15, 0.15], [0.12, 0.2]] {
+        let prompt_m = reach_m(None, release_m);
+        // The slowest of the effect's range has not quite arrived when it opens.
+        for (lag_s, tolerance_m) in [(0.03, 1e-4), (0.1, 1e-4), (0.3, 1e-3)] {
+            let off_m = reach_m(Some(lag_s), release_m) - prompt_m;
+            assert!(off_m.abs() < tolerance_m, "{release_m:?}, {lag_s} s: {off_m} m");
+        }
+    }
+}
