@@ -1,12 +1,14 @@
 //! A part of a demonstration in time, as a demonstration of its own.
 
+use super::plausible::{clock_problem, span};
 use super::{ClampSample, Demo, DemoError, Observations, SceneKind, StartState};
 use nalgebra::Vector3;
 use std::path::Path;
 
 impl Demo {
     /// What was seen from `from_s` to `to_s`. A part that leaves out the beginning is a `free` scene whose times begin
-    /// at zero with its first frame; the rope starts as `start` says. Clamps that hold nothing any more are left out.
+    /// at zero with its first frame; the rope starts as `start` says. One that keeps it begins at zero where the
+    /// recording's clock began elsewhere, as a robot's does. Clamps that hold nothing any more are left out.
     ///
     /// # Errors
     /// Nothing was seen in that time, or a clamp closes in a part that leaves out the beginning: where it then grips
@@ -31,6 +33,9 @@ impl Demo {
         let whole = !self.spec.is_static() && Some(&first_s) == times.first();
         if whole {
             part.keep_paths(f64::NEG_INFINITY, last_s);
+            if clock_problem(&part).is_some() {
+                part.shift(-span(&part).first_s);
+            }
             return Ok(part);
         }
         for (index, path) in self.clamps.iter().enumerate() {
@@ -50,6 +55,8 @@ impl Demo {
             part.spec.scene = SceneKind::Free;
             part.spec.start = start;
             part.shift(-first_s);
+        } else if clock_problem(&part).is_some() {
+            part.shift(-span(&part).first_s);
         }
         Ok(part)
     }

@@ -20,6 +20,8 @@ mod write;
 pub use draw::plot_svg;
 pub use error::DemoError;
 pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};
+pub use plausible::clock_problem;
+pub use read::files;
 pub use recording::recording;
 pub use summary::{summary, warnings};
 

@@ -17,9 +17,47 @@ const FEW: f64 = 0.05;
 /// may be hidden by the gripper.
 const SEEN_LENGTH: std::ops::Range<f64> = 0.7..1.15;
 
+/// Latest begin of a recording and longest one, s: a rope does not hang still for a minute before its demonstration,
+/// nor is it moved for an hour.
+const LATEST_BEGIN_S: f64 = 60.0;
+const LONGEST_S: f64 = 3600.0;
+
+/// What keeps a demonstration's clock from being simulated, and what to do: simulations begin at zero.
+pub fn clock_problem(demo: &Demo) -> Option<String> {
+    let Span { first_s, last_s } = span(demo);
+    let offset = first_s < 0.0 || first_s > LATEST_BEGIN_S && !demo.spec.is_static();
+    if last_s - first_s > LONGEST_S && !demo.spec.is_static() {
+        Some(format!(
+            "its times go from {first_s} to {last_s} s, which is more than an hour; are some of them in other units than \
+             seconds, or by another clock?"
+        ))
+    } else if offset {
+        Some(format!(
+            "its times begin at {first_s} s, simulations at 0; let `offline demo cut FOLDER --out NEW` shift them"
+        ))
+    } else {
+        None
+    }
+}
+
+/// First and last time of clamps and frames.
+pub(super) struct Span {
+    pub(super) first_s: f64,
+    pub(super) last_s: f64,
+}
+
+pub(super) fn span(demo: &Demo) -> Span {
+    let of_clamps = demo.clamps.iter().flatten().map(|sample| sample.t_s);
+    let times = || of_clamps.clone().chain(demo.times_s());
+    Span {
+        first_s: times().fold(f64::INFINITY, f64::min),
+        last_s: times().fold(f64::NEG_INFINITY, f64::max),
+    }
+}
+
 /// Everything that contradicts itself, one line each.
 pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
-    let mut found = Vec::new();
+    let mut found: Vec<String> = clock_problem(demo).into_iter().collect();
     match &demo.observations {
         Observations::Markers(samples) => {
             found.extend(chords(demo, samples));

@@ -6,7 +6,7 @@ use super::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, MarkerSample, Ob
 use super::{check, points};
 use crate::toml_lines::line_at;
 use std::io::ErrorKind;
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 const POSE: [&str; 4] = ["qx", "qy", "qz", "qw"];
 
@@ -130,6 +130,31 @@ fn refuse_undeclared_clamps(dir: &Path, declared: usize) -> Result<(), DemoError
         }
     }
     Ok(())
+}
+
+/// The files of a demonstration folder that has been read, relative to it, in the order of their names. What else lies
+/// there is no part of it.
+///
+/// # Errors
+/// The folder or `clouds.csv` has become unreadable.
+pub fn files(dir: &Path) -> Result<Vec<PathBuf>, DemoError> {
+    let failed = |e: std::io::Error| DemoError::io(dir, "listing", &e);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        let text = name.to_string_lossy();
+        if ["demo.toml", "clouds.csv", "markers.csv"].contains(&&*text) || clamp_of(&text).is_some() {
+            files.push(PathBuf::from(name));
+        }
+    }
+    let clouds = dir.join("clouds.csv");
+    if clouds.exists() {
+        let table = Table::read(&clouds, &["t_s", "file"], &[])?;
+        files.extend((0..table.len()).map(|row| PathBuf::from(table.text(row, "file"))));
+    }
+    files.sort();
+    files.dedup();
+    Ok(files)
 }
 
 /// The index in the name of a clamp's file: 0 of `clamp_0.csv` and of `clamp_0_commanded.csv`.

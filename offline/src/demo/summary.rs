@@ -150,10 +150,11 @@ fn clamp_line(spec: &DemoSpec, index: usize, path: &[ClampSample]) -> String {
         RopeEnd::Start => "start",
         RopeEnd::End => "end",
     };
-    let travel: f64 = path
+    // Folded from zero: the sum of nothing is -0.
+    let travel = path
         .windows(2)
         .map(|pair| distance(&pair[0].position_m, &pair[1].position_m))
-        .sum();
+        .fold(0.0, |sum, part| sum + part);
     let opening = path.iter().find(|sample| !sample.closed);
     let hold = opening.map_or("never opens".to_owned(), |sample| {
         format!("opens at {:.2} s", sample.t_s)

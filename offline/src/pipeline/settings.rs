@@ -1,10 +1,9 @@
 //! What a run works on and how much it does.
 
-use crate::demo::Demo;
+use crate::demo::{Demo, clock_problem, files};
 use crate::fit::Resolution;
 use crate::freeze::{bounded, short};
-use crate::run_files::Fnv64;
-use anyhow::Context;
+use crate::run_files::{Fnv64, read_whole};
 use serde::{Deserialize, Serialize};
 use shared::blob::{MAX_DEMOS, NAME_BYTES};
 use std::path::{Path, PathBuf};
@@ -79,8 +78,9 @@ impl Inputs {
     /// Reads the demonstrations.
     ///
     /// # Errors
-    /// A folder is missing or malformed, the demonstrations are of different ropes, or a blob has no room for the name
-    /// or the demonstrations: hours later would be a bad time to say so.
+    /// A folder is missing or malformed, the demonstrations are of different ropes, one is given twice or by a clock that no
+    /// simulation follows, or a blob has no room for the name or the demonstrations: hours later would be a bad time to
+    /// say so.
     pub fn load(name: &str, demos: &[PathBuf], held_out: &[PathBuf]) -> anyhow::Result<Self> {
         anyhow::ensure!(
             !demos.is_empty(),
@@ -90,7 +90,11 @@ impl Inputs {
             !name.is_empty(),
             "the rope's name is empty: give it one with --name"
         );
-        short::<NAME_BYTES>("rope", name)?;
+        anyhow::ensure!(
+            !name.contains(['/', '\\']) && !name.contains(char::is_control) && ![".", ".."].contains(&name),
+            "the rope's name is {name:?}, which no folder can have: give it another with --name"
+        );
+        short::<NAME_BYTES>("rope", name).map_err(|error| anyhow::anyhow!("{error} with --name"))?;
         bounded::<_, MAX_DEMOS>("demonstrations", demos)?;
         let hashes = |paths: &[PathBuf]| paths.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>();
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Demo>> {
@@ -103,18 +107,7 @@ impl Inputs {
             hashes: hashes(demos)?,
             held_out_hashes: hashes(held_out)?,
         };
-        let first = &inputs.demos[0].spec.rope;
-        for other in inputs.demos.iter().chain(&inputs.held_out) {
-            let rope = &other.spec.rope;
-            anyhow::ensure!(
-                rope.length_m == first.length_m
-                    && rope.diameter_m == first.diameter_m
-                    && rope.mass_kg == first.mass_kg,
-                "{}: its rope differs from that of {}: one run identifies one rope",
-                other.name,
-                inputs.demos[0].name
-            );
-        }
+        refuse_unusable(&inputs, &demos.iter().chain(held_out).collect::<Vec<_>>())?;
         Ok(inputs)
     }
 
@@ -139,31 +132,42 @@ impl Inputs {
     }
 }
 
-/// Hash of all files of a folder and their names, in the order of their names.
-fn hash_folder(folder: &Path) -> anyhow::Result<u64> {
-    let mut files = Vec::new();
-    let mut folders = vec![folder.to_path_buf()];
-    while let Some(next) = folders.pop() {
-        let entries = std::fs::read_dir(&next).with_context(|| format!("cannot list {}", next.display()))?;
-        for entry in entries {
-            let path = entry?.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                files.push(path);
-            }
+/// Refuses what no fit could use, and what would judge itself.
+fn refuse_unusable(inputs: &Inputs, paths: &[&PathBuf]) -> anyhow::Result<()> {
+    let demos: Vec<&Demo> = inputs.demos.iter().chain(&inputs.held_out).collect();
+    let hashes: Vec<u64> = [&inputs.hashes[..], &inputs.held_out_hashes[..]].concat();
+    let first = &demos[0].spec.rope;
+    for (index, (demo, path)) in demos.iter().zip(paths).enumerate() {
+        let path = path.display();
+        if let Some(problem) = clock_problem(demo) {
+            anyhow::bail!("{path}: {problem}");
+        }
+        let rope = &demo.spec.rope;
+        anyhow::ensure!(
+            rope.length_m == first.length_m
+                && rope.diameter_m == first.diameter_m
+                && rope.mass_kg == first.mass_kg,
+            "{path}: its rope differs from that of {} in length, diameter or mass; one run identifies one rope, so give \
+             each rope its own",
+            paths[0].display()
+        );
+        if let Some(twin) = hashes[..index].iter().position(|&hash| hash == hashes[index]) {
+            anyhow::bail!(
+                "{path} is the same demonstration as {}; name it once, because it says nothing twice and cannot judge a fit \
+                 to itself",
+                paths[twin].display()
+            );
         }
     }
-    files.sort();
+    Ok(())
+}
+
+/// Hash of all files of a demonstration and their names, in the order of their names.
+fn hash_folder(folder: &Path) -> anyhow::Result<u64> {
     let mut hash = Fnv64::default();
-    for file in files {
-        let name = file
-            .strip_prefix(folder)
-            .unwrap_or(&file)
-            .to_string_lossy()
-            .into_owned();
-        hash.add(name.as_bytes());
-        hash.add(&std::fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?);
+    for name in files(folder)? {
+        hash.add(name.to_string_lossy().as_bytes());
+        hash.add(&read_whole(&folder.join(name))?);
     }
     Ok(hash.value())
 }
@@ -208,8 +212,63 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_beside_a_demonstration_changes_nothing_and_a_twin_is_refused() {
+        let settings = RunSettings::of(Preset::Quick, 1);
+        let folder = tempfile::tempdir().unwrap();
+        let judge = folder.path().join("second");
+        copy(&Path::new(SAMPLE).join("held-out-1"), &judge);
+        let before = inputs(&judge).key(&settings);
+        std::fs::write(judge.join(".DS_Store"), "x").unwrap();
+        std::fs::create_dir(judge.join("runs")).unwrap();
+        assert_eq!(inputs(&judge).key(&settings), before);
+
+        let fit = Path::new(SAMPLE).join("fit");
+        let twice = [fit.clone(), judge.clone(), judge.clone()];
+        for (demos, held_out) in [(&twice[..], &[][..]), (&twice[..1], &[fit.clone()][..])] {
+            let refused = Inputs::load("red", demos, held_out).err().unwrap().to_string();
+            assert!(refused.contains("is the same demonstration as"), "{refused}");
+        }
+    }
+
+    /// A robot's clock begins anywhere.
+    #[test]
+    fn times_that_begin_elsewhere_are_refused_with_what_shifts_them() {
+        let folder = tempfile::tempdir().unwrap();
+        for (shift_s, words) in [(1.7e9, "begin at 1700000000 s"), (-1.0, "begin at -1 s")] {
+            let mut demo = Demo::load(Path::new(SAMPLE).join("fit")).unwrap();
+            for sample in demo.clamps.iter_mut().flatten() {
+                sample.t_s += shift_s;
+            }
+            let crate::demo::Observations::Clouds(frames) = &mut demo.observations else {
+                panic!("the sample has clouds");
+            };
+            frames.iter_mut().for_each(|frame| frame.t_s += shift_s);
+            let path = folder.path().join(format!("by {shift_s}"));
+            demo.save(&path).unwrap();
+            let refused = Inputs::load("red", &[path], &[]).err().unwrap().to_string();
+            assert!(
+                refused.contains(words) && refused.contains("demo cut"),
+                "{refused}"
+            );
+            let whole = [f64::NEG_INFINITY, f64::INFINITY];
+            let cut = demo
+                .cut(whole[0], whole[1], crate::demo::StartState::Rest)
+                .unwrap();
+            assert_eq!(clock_problem(&cut), None);
+            assert_eq!(cut.spec, demo.spec);
+        }
+    }
+
+    #[test]
     fn a_name_that_no_blob_holds_is_refused_before_anything_is_read() {
-        for (name, words) in [("", "empty"), (&"x".repeat(33), "longer than 32 bytes")] {
+        let long = "x".repeat(33);
+        let names = [
+            ("", "empty"),
+            (&*long, "choose a shorter one with --name"),
+            ("../red", "no folder"),
+            ("a\nb", "no folder"),
+        ];
+        for (name, words) in names {
             let refused = Inputs::load(name, &[PathBuf::from("nowhere")], &[]);
             let message = refused.err().unwrap().to_string();
             assert!(message.contains(words), "{message}");
