@@ -127,20 +127,37 @@ impl ModelFile {
     /// Effects and their parameter values, as simulations take them.
     ///
     /// # Errors
-    /// An effect is not in the registry, or has another number of parameters.
+    /// An effect is not in the registry, stands there twice, or has other parameters than there or none of their range.
     pub fn structure(&self) -> anyhow::Result<(Structure, Vec<f64>)> {
         let mut structure = Structure::default();
         let mut values = Vec::new();
         for entry in &self.effects {
-            let index = effects::find(&entry.id)
-                .with_context(|| format!("effect `{}` is not known to this program", entry.id))?;
-            let wanted = effects::ALL[index].parameters.len();
+            let index = effects::known(&entry.id).map_err(|problem| anyhow::anyhow!(problem))?;
+            let wanted = effects::ALL[index].parameters;
             anyhow::ensure!(
-                entry.parameters.len() == wanted,
-                "effect `{}` needs {wanted} parameters and has {}",
+                entry.parameters.len() == wanted.len(),
+                "effect `{}` needs {} parameters and has {}",
                 entry.id,
+                wanted.len(),
                 entry.parameters.len()
             );
+            anyhow::ensure!(
+                !structure.effects.contains(&index),
+                "effect `{}` stands there twice: keep one of them",
+                entry.id
+            );
+            for (parameter, wanted) in entry.parameters.iter().zip(wanted) {
+                let name = format!("{}.{}", entry.id, wanted.name);
+                refuse_other(parameter, [&name, wanted.unit])?;
+                anyhow::ensure!(
+                    (wanted.low..=wanted.high).contains(&parameter.value),
+                    "{name} is {}, outside {} to {} {}: fit the rope again, or mend the value",
+                    parameter.value,
+                    wanted.low,
+                    wanted.high,
+                    wanted.unit
+                );
+            }
             structure.effects.push(index);
             values.extend(entry.parameters.iter().map(|p| p.value));
         }
@@ -198,9 +215,45 @@ impl ModelFile {
             path.display(),
             model.elasticity.len()
         );
-        model.structure().with_context(|| path.display().to_string())?;
+        let checked = model.check().and_then(|()| model.structure());
+        checked.with_context(|| path.display().to_string())?;
         Ok(model)
     }
+
+    /// Shape and elasticity.
+    fn check(&self) -> anyhow::Result<()> {
+        let RopeShape {
+            length_m,
+            diameter_m,
+            mass_kg,
+        } = self.rope;
+        for (name, value) in [
+            ("length_m", length_m),
+            ("diameter_m", diameter_m),
+            ("mass_kg", mass_kg),
+        ] {
+            anyhow::ensure!(
+                value.is_finite() && value > 0.0,
+                "{name} of the rope is {value}: write what the rope measures"
+            );
+        }
+        let wanted = Structure::default().parameters();
+        for (found, wanted) in self.elasticity.iter().zip(&wanted) {
+            refuse_other(found, [&wanted.name, wanted.unit])?;
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a value that stands where another one belongs, or in another unit.
+fn refuse_other(found: &Estimate, [name, unit]: [&str; 2]) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        found.name == name && found.unit == unit,
+        "there is `{}` in `{}` where `{name}` in `{unit}` belongs: let `offline fit` write the file again",
+        found.name,
+        found.unit
+    );
+    Ok(())
 }
 
 #[cfg(test)]
@@ -211,17 +264,17 @@ mod tests {
         let structure = Structure {
             effects: vec![effects::find("tip_mass").expect("in the registry")],
         };
-        let estimate = |name: &str, value| Estimate {
+        let estimate = |name: &str, unit: &str, value| Estimate {
             name: name.into(),
-            unit: String::new(),
+            unit: unit.into(),
             value,
             standard_error: 0.1 * value,
             identified: true,
         };
         let all = [
-            estimate("young_pa", young_pa),
-            estimate("poisson", 0.3),
-            estimate("tip_mass.mass_kg", tip_kg),
+            estimate("young_pa", "Pa", young_pa),
+            estimate("poisson", "1", 0.3),
+            estimate("tip_mass.mass_kg", "kg", tip_kg),
         ];
         ModelFile {
             format: FORMAT.into(),
@@ -257,5 +310,51 @@ mod tests {
         one.save(&path).unwrap();
         assert_eq!(Fnv64::of(&std::fs::read(&path).unwrap()), one.hash());
         assert_eq!(ModelFile::load(&path).unwrap(), one);
+    }
+
+    /// A model is a file that anyone may have edited.
+    #[test]
+    fn what_no_fit_wrote_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        let text = model(0.009, 1e6).text();
+        let effect = text.find("[[effects]]").unwrap()..text.find("[provenance]").unwrap();
+        let twice = text.replace("[provenance]", &format!("{}[provenance]", &text[effect]));
+        let edits = [
+            (
+                text.replace("id = \"tip_mass\"", "id = \"tipmass\""),
+                "known are air_drag",
+            ),
+            (
+                text.replace("value = 0.009", "value = -1.0"),
+                "tip_mass.mass_kg is -1, outside 0 to",
+            ),
+            (
+                text.replace("value = 0.009", "value = nan"),
+                "tip_mass.mass_kg is NaN, outside",
+            ),
+            (
+                text.replace("unit = \"Pa\"", "unit = \"MPa\""),
+                "`young_pa` in `MPa` where",
+            ),
+            (
+                text.replace("\"poisson\"", "\"nu\""),
+                "`nu` in `1` where `poisson`",
+            ),
+            (
+                text.replace("length_m = 0.3", "length_m = nan"),
+                "length_m of the rope is NaN",
+            ),
+            (twice, "stands there twice"),
+        ];
+        for (edited, words) in edits {
+            assert_ne!(edited, text, "{words}");
+            std::fs::write(&path, edited).unwrap();
+            let refused = format!("{:#}", ModelFile::load(&path).unwrap_err());
+            assert!(
+                refused.contains(words) && refused.contains("model.toml"),
+                "{refused}"
+            );
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::de::DeserializeOwned;
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// A file operation that failed, with the path and what to do.
@@ -27,9 +27,16 @@ impl FileError {
 }
 
 /// Writes `bytes` to `path` so that after any crash the path holds the old content or the new, whole:
-/// a temporary file in the same folder is synced, renamed over the path, and the folder is synced.
+/// a temporary file in the same folder is synced, renamed over the path, and the folder is synced. What a link points to
+/// is written, not the link; what is no file, such as a device, is written to as it stands.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let fail = |cause| FileError::new("write", path, cause);
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let path = target.as_path();
+    if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+        let mut device = File::options().write(true).open(path).map_err(fail)?;
+        return device.write_all(bytes).map_err(fail);
+    }
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -43,6 +50,23 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     File::open(folder)
         .and_then(|folder| folder.sync_all())
         .map_err(fail)
+}
+
+/// Makes a folder that is not there, and refuses one that nothing can be written to: after hours of work would be a bad
+/// time to say so.
+///
+/// # Errors
+/// It cannot be made or written to, or is a file.
+pub fn prepare_folder(path: &Path) -> Result<(), FileError> {
+    if path.exists() && !path.is_dir() {
+        let cause = std::io::Error::new(ErrorKind::NotADirectory, "it is a file, not a folder");
+        return Err(FileError::new("write into", path, cause));
+    }
+    fs::create_dir_all(path).map_err(|cause| FileError::new("make", path, cause))?;
+    match tempfile::NamedTempFile::new_in(path) {
+        Ok(_) => Ok(()),
+        Err(cause) => Err(FileError::new("write into", path, cause)),
+    }
 }
 
 /// Temporary files are private to their user; a result is readable like any other file.
@@ -152,12 +176,20 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// The run at `path`, which is made if it is not there.
+    /// The run at `path`, to write to; it is made if it is not there.
+    ///
+    /// # Errors
+    /// Nothing can be written to it.
     pub fn open(path: &Path) -> Result<Self, FileError> {
-        fs::create_dir_all(path).map_err(|cause| FileError::new("make", path, cause))?;
-        Ok(Self {
+        prepare_folder(path)?;
+        Ok(Self::there(path))
+    }
+
+    /// The run at `path`, to read from.
+    pub fn there(path: &Path) -> Self {
+        Self {
             path: path.to_path_buf(),
-        })
+        }
     }
 
     /// The folder itself.
@@ -253,6 +285,47 @@ mod tests {
         write_whole(&path, b"new and longer").unwrap();
         assert_eq!(read_whole(&path).unwrap(), b"new and longer");
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    /// Seen: `--out /dev/full` of an administrator made the device a plain file.
+    #[cfg(unix)]
+    #[test]
+    fn links_and_what_is_no_file_stay_what_they_are() {
+        use std::io::Read;
+        use std::os::unix::fs::FileTypeExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
+        fs::write(&target, b"old").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        write_whole(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&target).unwrap(), b"new");
+
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+        assert!(made.success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || {
+                let mut read = Vec::new();
+                File::open(pipe).unwrap().read_to_end(&mut read).unwrap();
+                read
+            }
+        });
+        write_whole(&pipe, b"through").unwrap();
+        assert_eq!(reader.join().unwrap(), b"through");
+        assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+    }
+
+    #[test]
+    fn a_folder_that_is_a_file_is_refused_before_any_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        fs::write(&file, b"kept").unwrap();
+        let refused = prepare_folder(&file).unwrap_err().to_string();
+        assert!(refused.contains("it is a file, not a folder"), "{refused}");
+        assert_eq!(fs::read(&file).unwrap(), b"kept");
+        prepare_folder(&folder.path().join("new")).unwrap();
     }
 
     #[test]

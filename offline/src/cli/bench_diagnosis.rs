@@ -7,7 +7,7 @@ use super::runs::set_threads;
 use anyhow::Context;
 use offline::bench_diagnosis::cells::{Cell, Extent};
 use offline::bench_diagnosis::{chosen, counted, questions, run, table};
-use offline::run_files::write_whole;
+use offline::run_files::{prepare_folder, write_whole};
 
 /// Diagnoses what is asked for and not yet there, counts all answers of the folder, prints and writes the
 /// tables.
@@ -41,6 +41,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
             "no cells of the independent rod (G3): its program writes what happened, see offline bench-diagnosis --help",
         );
     }
+    prepare_folder(&arguments.out)?;
     let answers = run::run(&chosen, &arguments.out, &|line| reporter.say(line))?;
     let tallies = counted(&answers);
     let text = table::text(&tallies);

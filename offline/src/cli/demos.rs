@@ -17,7 +17,7 @@ pub fn check(folders: &[PathBuf], json: bool) -> anyhow::Result<()> {
         let demo = Demo::load(folder)?;
         if json {
             print(serde_json::json!({
-                "folder": folder, "scene": demo.spec.scene, "rope": demo.spec.rope,
+                "folder": folder.display().to_string(), "scene": demo.spec.scene, "rope": demo.spec.rope,
                 "frames": demo.times_s().len(), "warnings": warnings(&demo),
             }))?;
         } else {
@@ -79,7 +79,7 @@ pub fn write(demo: &Demo, folder: &Path, json: bool) -> anyhow::Result<()> {
     let found = warnings(demo);
     if json {
         let line = serde_json::json!({
-            "folder": folder, "frames": demo.times_s().len(), "warnings": found,
+            "folder": folder.display().to_string(), "frames": demo.times_s().len(), "warnings": found,
         });
         return print(line);
     }
@@ -100,7 +100,7 @@ pub fn show(folder: &Path, out: Option<PathBuf>, json: bool) -> anyhow::Result<(
     let out = out.unwrap_or_else(|| PathBuf::from(format!("{}.svg", demo.name)));
     write_whole(&out, plot_svg(&demo).as_bytes())?;
     if json {
-        print(serde_json::json!({ "written": out }))
+        print(serde_json::json!({ "written": out.display().to_string() }))
     } else {
         print(format_args!("wrote {}", out.display()))
     }
@@ -113,7 +113,7 @@ pub fn inspect(path: &Path, json: bool) -> anyhow::Result<()> {
         "{} does not exist: name a policy blob or a run",
         path.display()
     );
-    let run = path.is_dir().then(|| RunFolder::open(path)).transpose()?;
+    let run = path.is_dir().then(|| RunFolder::there(path));
     let blob_path = run.as_ref().map_or_else(|| path.to_path_buf(), RunFolder::blob);
     let model = run.as_ref().map(|r| ModelFile::load(&r.model())).transpose()?;
     let blob = (run.is_none() || blob_path.exists())

@@ -99,7 +99,7 @@ pub fn export(target: ExportCommand, json: bool) -> anyhow::Result<()> {
     let ExportCommand::Mcap { folder, file } = target;
     export_mcap(&Demo::load(&folder)?, &file)?;
     if json {
-        print(serde_json::json!({ "written": file }))
+        print(serde_json::json!({ "written": file.display().to_string() }))
     } else {
         print(format_args!("wrote {}", file.display()))
     }

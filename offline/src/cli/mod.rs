@@ -25,7 +25,12 @@ struct WrongUse(String);
 
 /// From one measured demonstration of a rope to a frozen policy.
 #[derive(Parser)]
-#[command(name = "offline", version, about)]
+#[command(
+    name = "offline",
+    version,
+    about,
+    after_help = "Example: offline run --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+)]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -76,10 +81,16 @@ enum Command {
     )]
     BenchDiagnosis(BenchDiagnosisArguments),
     /// Work with demonstration folders.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Example: offline demo check offline/demos/sample-rope/fit"
+    )]
     Demo(DemoCommand),
-    /// Make the paper's tables.
-    #[command(subcommand)]
+    /// Make the paper's tables of estimated parameters; `run` makes those of the policy.
+    #[command(
+        subcommand,
+        after_help = "Example: offline reproduce sim2sim --preset quick --out runs/sim2sim"
+    )]
     Reproduce(reproduce::Reproduce),
     /// Show what is in a policy blob or a run.
     #[command(after_help = "Example: offline inspect runs/sample-rope/policy.blob")]
@@ -111,10 +122,16 @@ enum DemoCommand {
     #[command(after_help = "Example: offline demo cut my-rope/long --from 2.5 --to 6 --out my-rope/part")]
     Cut(demos::CutArguments),
     /// Turn recordings of other formats into demonstration folders.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Example: offline demo import pac-cables data/pac_cables --out demos/pac"
+    )]
     Import(import::ImportCommand),
     /// Write a demonstration in another format.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Example: offline demo export mcap offline/demos/sample-rope/fit fit.mcap"
+    )]
     Export(import::ExportCommand),
 }
 
@@ -142,7 +159,7 @@ struct RunArguments {
     #[arg(long)]
     name: Option<String>,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
     /// Threads; all cores by default.
     #[arg(long, value_parser = threads())]
@@ -156,10 +173,10 @@ struct VerifyArguments {
     #[arg(long)]
     quick: bool,
     /// Run this number of random scenes as well.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = count(0..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = count(0..=1_000_000), allow_negative_numbers = true)]
     random: usize,
     /// Seed of the random scenes.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
     /// Folder for verify.json, verify.txt and the plots.
     #[arg(long, value_name = "DIR")]

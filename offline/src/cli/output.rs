@@ -24,3 +24,9 @@ pub fn print(text: impl Display) -> anyhow::Result<()> {
 pub fn note(text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
+
+/// The command as it was given, for people; what is no UTF-8 is replaced.
+pub fn command_line() -> String {
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    words.collect::<Vec<_>>().join(" ")
+}

@@ -15,7 +15,7 @@ use offline::reproduce::pointnet::{PointNet, Variant};
 use offline::reproduce::sim2sim::Baseline;
 use offline::reproduce::table::Table;
 use offline::reproduce::{coverage, ours, real2sim, scene, sim2sim};
-use offline::run_files::write_whole;
+use offline::run_files::{prepare_folder, write_whole};
 use std::path::{Path, PathBuf};
 
 /// Which of the paper's tables.
@@ -71,10 +71,10 @@ pub struct Intervals {
     #[arg(long, value_enum, default_value = "sampled")]
     data: Source,
     /// Standard deviation of the cameras' points, mm.
-    #[arg(long, default_value_t = 2.0, value_parser = above_zero)]
+    #[arg(long, default_value_t = 2.0, value_parser = above_zero, allow_negative_numbers = true)]
     noise_mm: f64,
     /// Seed of ropes, starts and noise.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/coverage")]
@@ -91,7 +91,7 @@ pub struct Common {
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there. `runs/<table>` by default.
     #[arg(long, value_name = "DIR")]
@@ -130,7 +130,7 @@ pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
                 effort.epochs = pointnet_epochs.unwrap_or(effort.epochs);
             }
             settings.pointnet = settings.pointnet.filter(|effort| effort.demonstrations > 0);
-            let out = folder(common, "sim2sim");
+            let out = folder(common, "sim2sim")?;
             let methods = chosen(only);
             if !only.is_empty() {
                 settings.pointnet = None;
@@ -153,7 +153,7 @@ pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
                 .iter()
                 .map(|path| Ok(Demo::load(path)?))
                 .collect::<anyhow::Result<Vec<_>>>()?;
-            let out = folder(common, "real2sim");
+            let out = folder(common, "real2sim")?;
             let tables = real2sim::run(&settings, &demos, &out, &|line| reporter.say(line))?;
             finish(&tables, &out, json)
         }
@@ -212,8 +212,10 @@ fn sim2sim_table(
     sim2sim::run(settings, methods, out, &baselines, &say)
 }
 
-fn folder(common: &Common, name: &str) -> PathBuf {
-    common.out.clone().unwrap_or_else(|| Path::new("runs").join(name))
+fn folder(common: &Common, name: &str) -> anyhow::Result<PathBuf> {
+    let out = common.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
+    prepare_folder(&out)?;
+    Ok(out)
 }
 
 fn finish(tables: &[Table], out: &Path, json: bool) -> anyhow::Result<()> {

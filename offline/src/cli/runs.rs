@@ -1,7 +1,7 @@
 //! `offline run` and the commands that stop earlier.
 
 use super::RunArguments;
-use super::output::{note, print};
+use super::output::{command_line, note, print};
 use super::progress::Reporter;
 use anyhow::Context;
 use offline::PROGRAM;
@@ -62,7 +62,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         None => summary.blob = blob.exists().then(|| blob.display().to_string()),
     }
     summary.wall_s = job.reporter.elapsed_s();
-    finish(&summary, dataset, &job, json)
+    finish(&summary, dataset, (&job, last), json)
 }
 
 /// What a command works on.
@@ -280,7 +280,7 @@ fn report(
 fn provenance(job: &Job) -> Vec<(String, String)> {
     let settings = &job.settings;
     [
-        ("command", std::env::args().collect::<Vec<_>>().join(" ")),
+        ("command", command_line()),
         ("program", PROGRAM.into()),
         ("seed", job.arguments.seed.to_string()),
         ("cells across the rope", format!("{:.2}", settings.cells)),
@@ -436,9 +436,14 @@ fn say_learned(learned: &Learned, reporter: &Reporter) {
 }
 
 /// Writes `run.json` and prints where everything is.
-fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> anyhow::Result<()> {
+fn finish(
+    summary: &Summary,
+    dataset: Option<u64>,
+    (job, last): (&Job, Stage),
+    json: bool,
+) -> anyhow::Result<()> {
     let record = serde_json::json!({
-        "command": std::env::args().collect::<Vec<_>>().join(" "),
+        "command": command_line(),
         "program": PROGRAM,
         "formats": {
             "demo": offline::demo::FORMAT,
@@ -448,7 +453,7 @@ fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> any
         "seed": job.arguments.seed,
         "settings": job.settings,
         "threads": rayon::current_num_threads(),
-        "hashes": hashes(job, dataset),
+        "hashes": hashes(job, dataset, last),
         "summary": summary,
     });
     write_whole(&job.run.record(), &serde_json::to_vec_pretty(&record)?)?;
@@ -468,15 +473,33 @@ fn finish(summary: &Summary, dataset: Option<u64>, job: &Job, json: bool) -> any
     Ok(())
 }
 
-/// FNV-1a hashes of what went in and what came out, hexadecimal.
-fn hashes(job: &Job, dataset: Option<u64>) -> serde_json::Value {
-    let file = |path: PathBuf| std::fs::read(path).ok().map(|bytes| hex(Fnv64::of(&bytes)));
+/// FNV-1a hashes of what went in and of what the stages that were done left, hexadecimal.
+fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
+    let (run, after_fit) = (
+        &job.run,
+        if last == Stage::Fit {
+            Stage::Fit
+        } else {
+            Stage::Diagnose
+        },
+    );
+    let file = |path: PathBuf, made_by: Stage| {
+        let bytes = (made_by <= last).then(|| std::fs::read(path).ok()).flatten();
+        bytes.map(|bytes| hex(Fnv64::of(&bytes)))
+    };
     let demos = |list: &[u64]| list.iter().copied().map(hex).collect::<Vec<_>>();
     serde_json::json!({
         "demos": demos(&job.inputs.hashes),
         "held_out": demos(&job.inputs.held_out_hashes),
-        "model": file(job.run.model()),
+        "fit": file(run.fit(), after_fit),
+        "residual": file(run.residual(), after_fit),
+        "diagnosis": file(run.diagnosis(), Stage::Diagnose),
+        "model": file(run.model(), after_fit),
         "dataset": dataset.map(hex),
-        "blob": file(job.run.blob()),
+        "weights": file(run.weights(), Stage::Train),
+        "evaluation": file(run.evaluation(), Stage::Evaluate),
+        "blob": file(run.blob(), Stage::Freeze),
+        "tables": file(run.tables(), Stage::Report),
+        "report": file(run.report(), Stage::Report),
     })
 }

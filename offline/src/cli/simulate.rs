@@ -30,10 +30,10 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "RUN|FILE")]
     model: Option<PathBuf>,
     /// Young's modulus, Pa.
-    #[arg(long, value_parser = within(YOUNG_RANGE_PA), required_unless_present = "model")]
+    #[arg(long, value_parser = within(YOUNG_RANGE_PA), required_unless_present = "model", allow_negative_numbers = true)]
     young_pa: Option<f64>,
     /// Poisson's ratio; 0.3 without a model.
-    #[arg(long, value_parser = within(POISSON_RANGE))]
+    #[arg(long, value_parser = within(POISSON_RANGE), allow_negative_numbers = true)]
     poisson: Option<f64>,
     /// An effect and its parameters in SI units, as `offline inspect` names them: tip_mass=0.009.
     #[arg(long, value_name = "ID=VALUE[,VALUE]", num_args = 1.., value_parser = effect)]
@@ -63,10 +63,7 @@ fn effect(text: &str) -> Result<Effect, String> {
     let (id, values) = text
         .split_once('=')
         .ok_or("write the effect, an equals sign and its parameters")?;
-    let index = effects::find(id).ok_or_else(|| {
-        let known: Vec<&str> = effects::ALL.iter().map(|spec| spec.id).collect();
-        format!("effect `{id}` is not known; known are {}", known.join(", "))
-    })?;
+    let index = effects::known(id)?;
     let values: Vec<f64> = values
         .split(',')
         .map(|value| value.parse().map_err(|_| format!("`{value}` is no number")))
@@ -140,7 +137,7 @@ fn admitted(name: &str, value: f64, [low, high]: [f64; 2]) -> anyhow::Result<()>
 /// The model of a run, or of a file.
 fn load(path: &Path) -> anyhow::Result<ModelFile> {
     if path.is_dir() {
-        return ModelFile::load(&RunFolder::open(path)?.model());
+        return ModelFile::load(&RunFolder::there(path).model());
     }
     ModelFile::load(path)
 }
@@ -212,7 +209,7 @@ fn say(demo: &Demo, played: &Played, out: Option<&Path>, json: bool) -> anyhow::
     if json {
         let line = serde_json::json!({
             "demo": demo.name, "frames": demo.times_s().len(), "steps": played.steps, "dt_s": played.dt_s,
-            "residual": played.residual, "written": out,
+            "residual": played.residual, "written": out.map(|out| out.display().to_string()),
         });
         return print(line);
     }

@@ -2,9 +2,10 @@
 
 use super::VerifyArguments;
 use super::output::print;
+use super::progress::Reporter;
 use anyhow::Context;
 use offline::plot::svg;
-use offline::run_files::write_whole;
+use offline::run_files::{prepare_folder, write_whole};
 use offline::verify::{Extent, panels, random, table, verify};
 
 /// Runs the suite, prints its table, writes it with its plots, and fails when a case does.
@@ -14,8 +15,14 @@ pub fn run(arguments: &VerifyArguments, json: bool) -> anyhow::Result<()> {
     } else {
         Extent::Full
     };
-    let mut report = verify(extent);
+    if let Some(out) = &arguments.out {
+        prepare_folder(out)?;
+    }
+    let reporter = Reporter::new();
+    reporter.say("comparing the simulator with what is known exactly");
+    let mut report = verify(extent, &|line| reporter.say(line));
     if arguments.random > 0 {
+        reporter.say(&format!("simulating {} random scenes", arguments.random));
         let outcomes = random::run(arguments.random, arguments.seed);
         report.cases.extend(outcomes.cases());
         report.random = Some(outcomes);

@@ -13,7 +13,9 @@ pub trait Swinger: Sync {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum SwingRefusal {
     /// The rope does not reach the release point.
-    #[error("the release point is {distance_m:.3} m from the clamp, the rope reaches {length_m:.3} m")]
+    #[error(
+        "the release point is {distance_m:.3} m from the clamp, the rope reaches {length_m:.3} m; choose a nearer one"
+    )]
     Unreachable {
         /// Distance from the clamp, m.
         distance_m: f64,

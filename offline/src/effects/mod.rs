@@ -173,6 +173,17 @@ pub fn find(id: &str) -> Option<usize> {
     ALL.iter().position(|spec| spec.id == id)
 }
 
+/// The same, or who is known instead.
+///
+/// # Errors
+/// No effect has that name.
+pub fn known(id: &str) -> Result<usize, String> {
+    find(id).ok_or_else(|| {
+        let known: Vec<&str> = ALL.iter().map(|spec| spec.id).collect();
+        format!("effect `{id}` is not known; known are {}", known.join(", "))
+    })
+}
+
 /// One name for several effects, for people.
 pub fn together(ids: &[String]) -> String {
     ids.join(" + ")

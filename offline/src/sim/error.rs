@@ -10,7 +10,7 @@ use thiserror::Error;
 pub enum Cause {
     /// The material turned inside out.
     #[error(
-        "particle {particle} is inverted (det F = {det:.3}): the rope is strained too much; make it stiffer or lighter, move it more slowly, or lower an effect that bends or weakens it (rest curvature, yield, bending ratio); halve the step (step_share) to see whether that is it"
+        "particle {particle} is inverted (det F = {det:.3}): the rope is strained too much; make it stiffer or lighter, move it more slowly, or lower an effect that bends or weakens it (rest curvature, yield, bending ratio); a scene with half the step_share shows whether the step is to blame"
     )]
     Inverted {
         /// Index of the particle.
@@ -19,14 +19,16 @@ pub enum Cause {
         det: f64,
     },
     /// A value is NaN or infinite.
-    #[error("particle {particle} is not finite: the run is unstable, lower the time step (step_share)")]
+    #[error(
+        "particle {particle} is not finite: the run is unstable; an effect may be too strong, or the scene's step_share too large"
+    )]
     NonFinite {
         /// Index of the particle.
         particle: usize,
     },
     /// A particle moved further than half a cell in one step: the CFL condition is violated.
     #[error(
-        "particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL): lower the step (step_share), the gripper's speed or the time of free fall"
+        "particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL): lower the gripper's speed, the time of free fall or the scene's step_share"
     )]
     TooFast {
         /// Index of the particle.
@@ -125,7 +127,7 @@ pub enum Cause {
     #[error("a law changes the material or what is seen, which reverse mode cannot undo: use tangents")]
     OneWay,
     /// A parameter is outside its physical range.
-    #[error("{name} = {value} is outside its range")]
+    #[error("{name} = {value} is outside its range: mend it where it comes from")]
     BadParameter {
         /// Name of the parameter.
         name: &'static str,

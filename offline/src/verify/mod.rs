@@ -27,6 +27,7 @@ pub use stepper::{Stepper, matrix, rows};
 pub use study::{ALIGNMENTS, Point, Study};
 
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How much is verified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,10 +70,23 @@ const FAMILIES: [Family; 8] = [
     stops::verify,
 ];
 
-/// Runs all families on all threads.
-pub fn verify(extent: Extent) -> Report {
+/// Runs all families on all threads, and tells of each that is done.
+pub fn verify(extent: Extent, progress: &(dyn Fn(&str) + Sync)) -> Report {
     let mut report = Report::default();
-    let findings: Vec<Findings> = FAMILIES.par_iter().map(|family| family(extent)).collect();
+    let done = AtomicUsize::new(0);
+    let run = |family: &Family| {
+        let found = family(extent);
+        let number = done.fetch_add(1, Ordering::Relaxed) + 1;
+        let failed = found.cases.iter().filter(|case| !case.passed).count();
+        progress(&format!(
+            "{number} of {} families: {}, {} cases, {failed} failed",
+            FAMILIES.len(),
+            found.cases.first().map_or("nothing", |case| case.family),
+            found.cases.len()
+        ));
+        found
+    };
+    let findings: Vec<Findings> = FAMILIES.par_iter().map(run).collect();
     for found in findings {
         let known = |mut case: Case| {
             case.cause = misses::known(&case);

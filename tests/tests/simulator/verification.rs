@@ -11,7 +11,7 @@ use tests::derivatives::{Slope, slope};
 
 #[test]
 fn the_simulator_agrees_with_what_is_known_exactly() {
-    let report = verify(Extent::Quick);
+    let report = verify(Extent::Quick, &|_| ());
     println!("{}", table(&report));
     assert!(report.cases.len() > 60, "the suite has all its families");
     for case in &report.cases {
