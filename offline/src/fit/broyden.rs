@@ -3,8 +3,9 @@
 //! 2004, section 3.5). The points of the rope are corrected, not the offsets: which of those are measured changes from
 //! step to step.
 
+use super::passes::only_seen;
 use super::problem::{Evaluation, FitError, Problem};
-use super::sensitivity::{Frames, Trace, only_seen};
+use super::sensitivity::{Frames, Trace};
 use crate::model::Structure;
 use rayon::prelude::*;
 

@@ -1,7 +1,8 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
+use super::kinds::{flows, opens_late, turns_in_grip};
 use super::push::Pushes;
-use super::sensitivity::{Prediction, Trace, flows, turns_in_grip};
+use super::sensitivity::{Prediction, Trace};
 use super::share::FrameShare;
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
@@ -155,6 +156,8 @@ impl<'a> Problem<'a> {
             Some("where a rope hangs that gives way depends on how it got there")
         } else if !some_hang && turns_in_grip(effect) {
             Some("a rope that lies straight was gripped as it lay")
+        } else if opens_late(effect) && self.scenes.iter().all(Scene::holds_throughout) {
+            Some("no clamp lets go in these demonstrations")
         } else {
             None
         }

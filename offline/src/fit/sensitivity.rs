@@ -1,23 +1,21 @@
-//! Predictions and how they change with each entry of θ: from tangents, in groups as large as a pass
-//! carries, from secants where a parameter has no useful tangent ([`Slope`]), and without another
-//! simulation where an effect only changes what the cameras report.
+//! Predictions and how they change with each entry of θ: from tangents, from secants, and without another simulation
+//! where an effect only changes what the cameras report ([`super::passes`]).
 //!
 //! A pass holds only the effects that it asks about and those that are present: one that is at its
 //! vanishing value changes nothing, bit for bit, so leaving it out saves time and nothing else. Effects that
 //! change the material and are not present have passes of their own: a rollout with one costs more.
 
+use super::passes::{Busy, MAX_TANGENTS, Pass, Plan, plan, spread, vanishes};
 use super::problem::{FitError, Problem};
-use crate::effects::{self, Slope};
 use crate::model::Structure;
 use crate::sim::Track;
 use crate::sim::dual::Dual;
 use crate::sim::real::{Arithmetic, Float};
+use crate::sim::start::Start;
 use crate::sim::tensor::{Vec3, lift3, value3};
-use crate::sim::{Physics, Real, Rollout};
+use crate::sim::{Real, Rollout};
 use rayon::prelude::*;
 
-/// Most tangents of one pass.
-const MAX_TANGENTS: usize = 12;
 /// Lanes of the slopes of what is seen.
 const SEEN: usize = 8;
 
@@ -34,32 +32,6 @@ pub(super) struct Trace {
     pub(super) prediction: Prediction,
     /// Change of the centreline per unit of each entry of θ, m; empty for those that were not asked for.
     pub(super) slopes: Vec<Frames>,
-}
-
-/// Simulations that give some columns of the Jacobian.
-#[derive(Clone, Debug, PartialEq)]
-enum Pass {
-    /// Tangents with respect to these entries of θ.
-    Tangents(Vec<usize>),
-    /// The change from `from` to `to` of one entry of θ.
-    Secant { column: usize, from: f64, to: f64 },
-}
-
-impl Pass {
-    /// The entries of θ that it differentiates.
-    fn columns(&self) -> &[usize] {
-        match self {
-            Self::Tangents(columns) => columns,
-            Self::Secant { column, .. } => std::slice::from_ref(column),
-        }
-    }
-}
-
-/// How all entries of θ are differentiated.
-struct Plan {
-    passes: Vec<Pass>,
-    /// Entries that only change what is seen.
-    seen: Vec<usize>,
 }
 
 /// What a pass found of one demonstration.
@@ -82,94 +54,8 @@ pub(super) struct Prediction {
     pub(super) tracks: Vec<Track<f64>>,
 }
 
-/// Entries of θ that only change what is seen, and are not held.
-pub(super) fn only_seen(structure: &Structure, theta: &[f64], held: &[bool]) -> Vec<usize> {
-    plan(structure, theta, held).seen
-}
-
-fn plan(structure: &Structure, theta: &[f64], held: &[bool]) -> Plan {
-    let specs = structure.effects.iter().flat_map(|&e| {
-        let parameters = effects::ALL[e].parameters.iter();
-        parameters.map(move |p| (p, e))
-    });
-    let mut tangents: Vec<usize> = (0..theta.len() - specs.clone().count()).collect();
-    let (mut slow, mut secants, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    for ((spec, effect), column) in specs.zip(tangents.len()..) {
-        if held[column] {
-            continue;
-        }
-        if effects::ALL[effect].only_seen {
-            seen.push(column);
-            continue;
-        }
-        let value = theta[column];
-        let step = spec.smallest_of_interest;
-        let secant = match spec.slope {
-            Slope::Tangent => false,
-            Slope::SecantNearZero => (value - spec.vanishes_at).abs() < step,
-            Slope::Secant => true,
-        };
-        if secant {
-            secants.push(Pass::Secant {
-                column,
-                from: (value - step).max(spec.low),
-                to: (value + step).min(spec.high),
-            });
-        } else if changes_material(effect) && vanishes(structure, theta, effect) {
-            slow.push(column);
-        } else {
-            tangents.push(column);
-        }
-    }
-    tangents.retain(|&column| !held[column]);
-    // The prediction itself comes with the first of these.
-    let mut passes = vec![Pass::Tangents(Vec::new())];
-    if !tangents.is_empty() {
-        passes = balanced(&tangents).collect();
-    }
-    passes.extend(balanced(&slow));
-    passes.extend(secants);
-    Plan { passes, seen }
-}
-
-/// Whether an effect of a structure does nothing at θ.
-fn vanishes(structure: &Structure, theta: &[f64], effect: usize) -> bool {
-    let own = effects::ALL[effect].parameters.iter();
-    own.zip(&theta[structure.entries(effect)])
-        .all(|(p, &value)| value == p.vanishes_at)
-}
-
-/// Passes of nearly the same size.
-fn balanced(columns: &[usize]) -> impl Iterator<Item = Pass> {
-    let groups = columns.len().div_ceil(MAX_TANGENTS).max(1);
-    let size = columns.len().div_ceil(groups).max(1);
-    columns.chunks(size).map(|c| Pass::Tangents(c.to_vec()))
-}
-
-/// Whether every step of a rollout with an effect costs more.
-fn changes_material(effect: usize) -> bool {
-    alone(effect).changes_material()
-}
-
-/// Whether an effect changes the shape at rest for good.
-pub fn flows(effect: usize) -> bool {
-    !alone(effect).flow_laws.is_empty()
-}
-
-/// Whether an effect turns the rope in its grip.
-pub fn turns_in_grip(effect: usize) -> bool {
-    alone(effect).grip_tilt.is_some()
-}
-
 fn are_numbers(frames: &Frames) -> bool {
     frames.iter().flatten().flatten().all(|slope| slope.is_finite())
-}
-
-fn alone(effect: usize) -> Physics<f64> {
-    let structure = Structure {
-        effects: vec![effect],
-    };
-    structure.physics(&structure.start(1e6), 0.0)
 }
 
 /// The part of a structure and of θ that the simulation needs: elasticity, effects that are present,
@@ -217,17 +103,25 @@ impl Problem<'_> {
         held: &[bool],
     ) -> Result<(Vec<Trace>, Failures), FitError> {
         let Plan { passes, seen } = plan(structure, theta, held);
+        let busy = Busy::with(self.demos.len() * passes.len());
+        let passes_of = |demo: usize| match self.scenes[demo].start {
+            // Where the start is sought, when the search ends depends on which tangents it carries.
+            Start::Straight if !self.rests(demo) => spread(&passes, busy.threads_each()),
+            _ => passes.clone(),
+        };
+        let passes: Vec<Vec<Pass>> = (0..self.demos.len()).map(passes_of).collect();
         let jobs: Vec<(usize, &Pass)> = (0..self.demos.len())
-            .flat_map(|d| passes.iter().map(move |pass| (d, pass)))
+            .flat_map(|d| passes[d].iter().map(move |pass| (d, pass)))
             .collect();
         let parts: Vec<Result<Part, FitError>> = jobs
             .into_par_iter()
             .map(|(d, pass)| self.part(d, structure, theta, pass))
             .collect();
+        drop(busy);
         let mut failed = Vec::new();
         let mut parts = parts.into_iter();
         let mut traces = Vec::new();
-        for demo in 0..self.demos.len() {
+        for (demo, passes) in passes.iter().enumerate() {
             let (mut prediction, mut stopped) = (None, None);
             let mut slopes = vec![Vec::new(); theta.len()];
             for (pass, part) in passes.iter().zip(parts.by_ref()) {
@@ -451,7 +345,9 @@ impl Prediction {
 
 #[cfg(test)]
 mod tests {
+    use super::super::kinds::changes_material;
     use super::*;
+    use crate::effects;
 
     fn index(id: &str) -> usize {
         effects::find(id).expect("in the registry")
@@ -482,6 +378,44 @@ mod tests {
         }
         seen.sort_unstable();
         assert_eq!(seen, (0..theta.len()).collect::<Vec<_>>());
+    }
+
+    /// How many threads are idle is chance; what a fit finds is not.
+    #[test]
+    fn slopes_have_the_same_bits_on_any_number_of_threads() {
+        let demo = crate::demo::Demo::load("demos/sample-rope/fit").unwrap();
+        let problem = Problem::new(&[&demo], crate::fit::Resolution { cells: 1.5 }).unwrap();
+        let ids = [
+            "tip_mass",
+            "air_drag",
+            "internal_damping",
+            "rest_curvature",
+            "tilted_gravity",
+        ];
+        let structure = Structure {
+            effects: ids.map(index).to_vec(),
+        };
+        let mut theta = structure.start(0.9e6);
+        for (value, p) in theta.iter_mut().zip(structure.parameters()).skip(2) {
+            *value = 0.9 * p.prior_mean + 0.02 * p.high;
+        }
+        let whole = &plan(&structure, &theta, &vec![false; theta.len()]).passes;
+        let slopes = |threads| {
+            let mut slopes = vec![Frames::new(); theta.len()];
+            let passes = spread(whole, threads);
+            let parts = passes
+                .par_iter()
+                .map(|pass| problem.part(0, &structure, &theta, pass).unwrap());
+            for (column, frames) in parts.collect::<Vec<_>>().into_iter().flat_map(|part| part.slopes) {
+                slopes[column] = frames;
+            }
+            (passes.len(), slopes)
+        };
+        let (alone, at_once) = slopes(1);
+        for threads in [2, 3, 16] {
+            let (passes, spread) = slopes(threads);
+            assert!(passes > alone && spread == at_once, "{threads} threads");
+        }
     }
 
     #[test]

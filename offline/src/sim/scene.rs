@@ -343,6 +343,14 @@ impl Scene {
         };
     }
 
+    /// Whether no clamp opens before the end.
+    pub fn holds_throughout(&self) -> bool {
+        let knots = self.grips.iter().flat_map(|grip| grip.path.knots());
+        knots
+            .into_iter()
+            .all(|knot| knot.closed || knot.t_s > self.duration_s)
+    }
+
     /// Arc lengths at which the grips end, m.
     pub(super) fn edges_m(&self) -> Vec<f64> {
         self.grips
