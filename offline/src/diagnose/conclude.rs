@@ -79,6 +79,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if facts.stopped {
         reasons.push(ReasonCode::RoundStopped);
     }
+    if structure.effects.iter().any(|&e| effects::ALL[e].only_seen) {
+        reasons.push(ReasonCode::Sensor);
+    }
     let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
     let left_mm = excess_mm(fitted, facts.doubt);
     let numerical = left_mm <= numerical_mm;

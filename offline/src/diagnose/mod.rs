@@ -29,7 +29,7 @@ pub use force::terms::{STABLE, TermShare};
 pub use force::{DemoForce, ResidualForce, residual_force};
 pub use gates::Gate;
 pub use memory::Memory;
-pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks};
+pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks, Unseen};
 pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
 };

@@ -52,6 +52,10 @@ pub enum ReasonCode {
     HeldOutInTime,
     /// A further round could not be simulated.
     RoundStopped,
+    /// A part of what was missing is the camera's or the clock's.
+    Sensor,
+    /// Effects of interest could be there that these data would probably not have shown.
+    Underpowered,
 }
 
 impl fmt::Display for ReasonCode {
@@ -67,6 +71,12 @@ impl fmt::Display for ReasonCode {
             }
             Self::RoundStopped => {
                 "ROUND STOPPED: a further round could not be simulated, what it would have found is not known"
+            }
+            Self::Sensor => {
+                "SENSOR: a part of what was missing is the camera's or the clock's, not the rope's"
+            }
+            Self::Underpowered => {
+                "UNDERPOWERED: effects of interest could be there that these data would probably not have shown"
             }
         })
     }

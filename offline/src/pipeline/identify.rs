@@ -82,6 +82,9 @@ pub fn identify(
             {
                 separating_demonstration.clone_from(&advice.next_demonstration.in_words);
             }
+            if outcome.verdict == Verdict::NothingMissing && !advice.swing.unseen.is_empty() {
+                outcome.reasons.push(ReasonCode::Underpowered);
+            }
             save(run, key, &outcome, force.as_ref(), &advice)?;
             // Whether or not it can be removed: from here on nobody reads it.
             let _ = std::fs::remove_file(run.memory());

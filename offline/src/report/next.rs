@@ -2,7 +2,7 @@
 //! could move the swing at the size that the data still allow.
 
 use super::page::{effect_title, parameter_title, sentence, significant, unit};
-use crate::diagnose::{Advice, MotionProspect, NextDemonstration, Question, SwingRisk, SwingRisks};
+use crate::diagnose::{Advice, MotionProspect, NextDemonstration, Question, SwingRisk, SwingRisks, Unseen};
 use maud::{Markup, html};
 
 pub(super) fn section(advice: &Advice) -> Markup {
@@ -132,6 +132,28 @@ fn risks(swing: &SwingRisks) -> Markup {
                 "for those that it holds (in bold). * The data do not bound it; the end of its physical range counts. "
                 "Several effects may describe the same small rest of error, so an interval that leaves out nothing is no "
                 "finding. Differences of about 1 mm are the simulation’s own."
+            }
+            (unseen(&swing.unseen))
+        }
+    }
+}
+
+/// What the data would probably not have shown.
+fn unseen(unseen: &[Unseen]) -> Markup {
+    html! {
+        @if !unseen.is_empty() {
+            h3 { "What could be there unseen" }
+            p {
+                "Effects that the model lacks and that these data would probably not have shown at their smallest size of "
+                "interest, with the chance that they would have:"
+            }
+            ul {
+                @for one in unseen {
+                    li {
+                        b { (parameter_title(&one.name)) } " of " (significant(one.size)) " " (unit(&one.unit)) ": "
+                        (format!("{:.0} %", 100.0 * one.power))
+                    }
+                }
             }
         }
     }

@@ -30,6 +30,7 @@ p{max-width:78ch;margin:8px 0}
 table{border-collapse:collapse;margin:10px 0;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:4px 14px 4px 0;border-bottom:1px solid #e4e4e4;vertical-align:top}
 th{font-weight:600;border-bottom:1px solid #999;white-space:nowrap}
+th.row{border-bottom-color:#e4e4e4}
 .nowrap,td.n,th.n{text-align:right;white-space:nowrap}
 tr.best td{background:#eef6ef}
 .scroll{overflow-x:auto}
@@ -90,7 +91,15 @@ pub(super) fn with_error(value: f64, error: f64) -> String {
         return format!("{} ± unknown", significant(value));
     }
     let digits = (1.0 - error.log10().floor()).clamp(0.0, 9.0) as usize;
-    format!("{value:.digits$} ± {error:.digits$}")
+    let value = format!("{value:.digits$}");
+    // Nothing has no sign.
+    let nothing = value.chars().all(|c| "-0.".contains(c));
+    let value = if nothing {
+        value.trim_start_matches('-')
+    } else {
+        &value
+    };
+    format!("{value} ± {error:.digits$}")
 }
 
 /// Words as a sentence of its own.
@@ -124,6 +133,7 @@ pub(super) fn without_unit(parameter: &str) -> String {
     let units = [
         "_rad_per_n_m",
         "_m2_s2",
+        "_per_m2",
         "_per_m",
         "_per_s",
         "_kg",
@@ -157,8 +167,8 @@ pub(super) fn provenance(input: &ReportInput) -> Markup {
     html! {
         h2 { "Provenance" }
         table {
-            @for (what, value) in input.provenance { tr { th { (what) } td { (value) } } }
-            tr { th { "noise of the points" } td { (noise) } }
+            @for (what, value) in input.provenance { tr { th.row { (what) } td { (value) } } }
+            tr { th.row { "noise of the points" } td { (noise) } }
         }
         table {
             tr { th { "demonstration" } th { "role" } th { "scene" } th.n { "instants" } th.n { "points" } th { "notes" } }

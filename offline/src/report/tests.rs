@@ -6,7 +6,7 @@ use crate::demo::CloudFrame;
 use crate::demo::Observations;
 use crate::diagnose::{
     Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable,
-    Subset, SwingRisk, SwingRisks, TermShare, Verdict,
+    Subset, SwingRisk, SwingRisks, TermShare, Unseen, Verdict,
 };
 use crate::effects;
 use crate::fit::{self, Correlation, FitResult};
@@ -228,6 +228,12 @@ fn advice() -> Advice {
                 allowed,
                 slope_mm_per_unit: Some(4.0),
                 at_most_mm: Some(10.0),
+            }],
+            unseen: vec![Unseen {
+                name: "gripper_lag.lag_s".to_owned(),
+                unit: "s".to_owned(),
+                size: 0.005,
+                power: 0.314,
             }],
             missing: None,
         },
@@ -459,5 +465,11 @@ fn numbers_show_the_digits_that_their_error_allows() {
     assert_eq!(page::with_error(0.73146, 0.0042), "0.7315 ± 0.0042");
     assert_eq!(page::with_error(731.46, 42.0), "731 ± 42");
     assert_eq!(page::with_error(0.73146, f64::INFINITY), "0.731 ± unknown");
+    assert_eq!(page::with_error(-0.00001, 0.0021), "0.0000 ± 0.0021");
+    assert_eq!(page::with_error(-0.0062, 0.0021), "-0.0062 ± 0.0021");
+    assert_eq!(
+        page::parameter_title("curvature_gradient.toward_up_per_m2"),
+        "curvature gradient: toward up"
+    );
     assert_eq!(page::parameter_title("tip_mass.mass_kg"), "tip mass: mass");
 }

@@ -4,7 +4,8 @@ use super::super::noise::Noise;
 use super::super::rounds::Outcome;
 use super::super::score::ScoreProblem;
 use super::models::Model;
-use super::swing_risk::Allowed;
+use super::power::shown;
+use super::swing_risk::{Allowed, Unseen};
 use crate::effects;
 use crate::fit::Evaluation;
 use crate::fit::Library;
@@ -15,17 +16,20 @@ use std::collections::HashMap;
 /// Normal quantile of a two-sided 90 % interval.
 const NINETY: f64 = 1.644_853_627;
 
+/// Chance below which something would probably not have been seen.
+const LIKELY: f64 = 0.8;
+
 /// What the data allow of effects that the model lacks: the score test's intervals, each effect alone,
-/// widened by what the model leaves unexplained.
+/// widened by what the model leaves unexplained; and what would probably not have been seen.
 pub(super) fn not_in_model(
     wide: &Evaluation,
     structure: &Structure,
     known: &Structure,
     noise: &Noise,
-) -> Vec<Allowed> {
+) -> (Vec<Allowed>, Vec<Unseen>) {
     let problem = ScoreProblem::new(wide, structure, known, noise, true);
     let widened = problem.misfit().sqrt();
-    let mut list = Vec::new();
+    let (mut list, mut unseen) = (Vec::new(), Vec::new());
     for (effect, estimate, error) in problem.intervals() {
         let spec = &effects::ALL[effect];
         for (index, p) in spec.parameters.iter().enumerate() {
@@ -39,11 +43,21 @@ pub(super) fn not_in_model(
                 interval: [p.low, p.high],
                 bounded_by_range: true,
             };
-            let half = NINETY * widened * error[index];
+            let error = widened * error[index];
+            let (size, half) = (p.smallest_of_interest, NINETY * error);
+            let power = shown(size / error);
+            if power < LIKELY {
+                unseen.push(Unseen {
+                    name: allowed.name.clone(),
+                    unit: allowed.unit.clone(),
+                    size,
+                    power,
+                });
+            }
             list.push(allowed.within(p.vanishes_at + estimate[index], half, [p.low, p.high]));
         }
     }
-    list
+    (list, unseen)
 }
 
 /// The slopes of the library where the last round started, on the rows of the final fit: another pass over

@@ -234,22 +234,13 @@ impl<'a> Desk<'a> {
         };
         let evaluation = transplanted(library, &outcome.fitted.best, &fitted.structure, &wide);
         let mut allowed = in_model(outcome);
-        allowed.extend(not_in_model(
-            &evaluation,
-            &wide.structure,
-            &fitted.structure,
-            &self.noise,
-        ));
+        let (others, unseen) = not_in_model(&evaluation, &wide.structure, &fitted.structure, &self.noise);
+        allowed.extend(others);
         let rope = &self.problem.demos[0].spec.rope;
         let shape = RopeShape::of_spec(rope);
         let (structure, theta) = (&fitted.structure, &fitted.theta);
-        Ok(SwingRisks::of(
-            shape,
-            structure,
-            theta,
-            self.options.resolution,
-            allowed,
-        ))
+        let risks = SwingRisks::of(shape, structure, theta, self.options.resolution, allowed);
+        Ok(SwingRisks { unseen, ..risks })
     }
 
     fn next(&self, demo: &Demo, outcome: &Outcome, swing: &SwingRisks) -> NextDemonstration {

@@ -8,6 +8,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+/// Normal quantile of a two-sided test at 5 %.
+const FIVE_PERCENT: f64 = 1.959_963_985;
+
 /// A wrong model beside the true one on some data, all in standard errors.
 pub struct Miss {
     /// What the true model predicts minus what the wrong one does.
@@ -40,6 +43,11 @@ pub fn distance(data: &[&Miss], prior_sd: &[f64]) -> f64 {
 pub fn power(distance: f64, needed: f64, variance: f64) -> f64 {
     let spread = 2.0 * (distance * variance).sqrt();
     normal_above((needed - distance) / spread.max(f64::MIN_POSITIVE))
+}
+
+/// Chance with which a two-sided test at 5 % shows something of so many standard errors.
+pub fn shown(size_in_errors: f64) -> f64 {
+    normal_above(FIVE_PERCENT - size_in_errors) + normal_above(FIVE_PERCENT + size_in_errors)
 }
 
 fn normal_above(z: f64) -> f64 {
@@ -83,6 +91,14 @@ mod tests {
         assert!((power(9.0, 3.0, 1.0) - 0.841_345).abs() < 1e-6);
         assert!((power(100.0, 100.0 - 1.645 * 20.0, 1.0) - 0.95).abs() < 1e-4);
         assert_eq!(power(0.0, 1.0, 1.0), 0.0);
+    }
+
+    /// Nothing is shown in 5 of 100 cases, 2.8 standard errors in 80 (Cohen 1988, table 2.3.5).
+    #[test]
+    fn what_is_small_is_hardly_shown() {
+        assert!((shown(0.0) - 0.05).abs() < 1e-9);
+        assert!((shown(FIVE_PERCENT + 0.841_621) - 0.8).abs() < 1e-5);
+        assert_eq!(shown(3.0), shown(-3.0));
     }
 
     const FRAMES: usize = 50;

@@ -56,6 +56,20 @@ impl Allowed {
     }
 }
 
+/// A parameter of an effect that the model lacks, which the data would probably not have shown at its smallest size of
+/// interest: the effect cannot be excluded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Unseen {
+    /// `<effect>.<parameter>`.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// The smallest size of interest.
+    pub size: f64,
+    /// Chance with which a test at 5 % would have shown that much.
+    pub power: f64,
+}
+
 /// What a parameter could do to the swing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SwingRisk {
@@ -86,6 +100,9 @@ pub struct SwingRisks {
     /// One line per effect of the library, its parameter that matters most, and the two of elasticity;
     /// largest first.
     pub risks: Vec<SwingRisk>,
+    /// What could be there and would probably not have been seen, in the order of the library.
+    #[serde(default)]
+    pub unseen: Vec<Unseen>,
     /// Why there are none.
     pub missing: Option<String>,
 }
@@ -97,6 +114,7 @@ impl SwingRisks {
             releases_m: Vec::new(),
             reaches_m: Vec::new(),
             risks: Vec::new(),
+            unseen: Vec::new(),
             missing: Some(why),
         }
     }
@@ -135,6 +153,7 @@ impl SwingRisks {
             releases_m: swings.iter().map(|s| s.0).collect(),
             reaches_m: swings.iter().map(|s| s.1).collect(),
             risks: leading(all),
+            unseen: Vec::new(),
             missing: None,
         }
     }
