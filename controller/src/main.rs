@@ -317,7 +317,13 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
     });
     let mut input = BufReader::new(opened?);
     let head = recorder::read_head(&mut input)
-        .with_context(|| format!("cannot read {name}"))?
+        .map_err(|error| {
+            let problem = match error.kind() {
+                io::ErrorKind::UnexpectedEof => "it ends before its first cycle".into(),
+                _ => error.to_string(),
+            };
+            anyhow!("cannot read {name}: {problem}; give a file that `controller --record` wrote")
+        })?
         .with_context(|| {
             format!("{name} is not a recording: give a file that --record of this version wrote")
         })?;

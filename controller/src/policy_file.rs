@@ -2,18 +2,26 @@
 
 use shared::blob::{self, Blob, BlobError, MAX_BLOB_BYTES};
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Why there is no policy.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyFileError {
     /// The file cannot be read.
-    #[error("cannot read the policy file {0}: {1}; write one with `offline freeze`")]
+    #[error("cannot read the policy file {0}: {1}; {remedy}", remedy = remedy(.1))]
     Read(PathBuf, std::io::Error),
     /// The file holds no usable policy.
     #[error("{0}: {1}")]
     Blob(PathBuf, BlobError),
+}
+
+fn remedy(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::NotFound => "write one with `offline freeze`",
+        ErrorKind::PermissionDenied => "let this user read it",
+        _ => "give a file that `offline freeze` wrote",
+    }
 }
 
 /// A policy file in memory.

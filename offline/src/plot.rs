@@ -167,7 +167,7 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
         .margin_bottom(MARGIN_PX)
         .x_label_area_size(X_LABELS_PX)
         .y_label_area_size(Y_LABELS_PX)
-        .build_cartesian_2d(x, y)?;
+        .build_cartesian_2d(x.clone(), y.clone())?;
     chart
         .configure_mesh()
         .x_desc(&panel.x_label)
@@ -188,13 +188,72 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
     if panel.series.iter().any(|series| !series.label.is_empty()) {
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(emptiest_corner(panel, &x, &y))
             .background_style(WHITE.mix(0.85))
             .border_style(RGBColor(200, 200, 200))
             .label_font(text)
             .draw()?;
     }
     Ok(())
+}
+
+/// Width of a legend besides its text, and per letter; height of one of its lines: about, pixels.
+const LEGEND_PX: [f64; 3] = [44.0, 7.0, 18.0];
+/// Points for which each stretch of a line counts.
+const STRETCH: usize = 24;
+
+/// The corner in which a legend hides least.
+fn emptiest_corner(panel: &Panel, x: &Range<f64>, y: &Range<f64>) -> SeriesLabelPosition {
+    let labels = || {
+        panel
+            .series
+            .iter()
+            .map(|s| s.label.chars().count())
+            .filter(|&n| n > 0)
+    };
+    let [least, per_letter, per_line] = LEGEND_PX;
+    let wide = least + per_letter * labels().max().unwrap_or(0) as f64;
+    let high = per_line * labels().count() as f64;
+    let across = wide / f64::from(panel.size_px.0.saturating_sub(FRAME_PX.0).max(1));
+    let up = high / f64::from(panel.size_px.1.saturating_sub(FRAME_PX.1).max(1));
+    // Places as shares of the plotting area, from its lower left corner.
+    let place = |p: &[f64; 2]| {
+        [
+            (p[0] - x.start) / (x.end - x.start),
+            (p[1] - y.start) / (y.end - y.start),
+        ]
+    };
+    let mut places: Vec<[f64; 2]> = Vec::new();
+    for series in &panel.series {
+        places.extend(series.points.iter().map(place));
+        if matches!(series.mark, Mark::Dots(_)) {
+            continue;
+        }
+        for pair in series.points.windows(2) {
+            let [from, to] = [place(&pair[0]), place(&pair[1])];
+            let between = |k: usize| {
+                let share = k as f64 / STRETCH as f64;
+                [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
+            };
+            places.extend((1..STRETCH).map(between));
+        }
+    }
+    let hidden = |right: bool, upper: bool| {
+        let covers = |at: f64, size: f64, far: bool| if far { at > 1.0 - size } else { at < size };
+        let under = places
+            .iter()
+            .filter(|p| covers(p[0], across, right) && covers(p[1], up, upper));
+        under.count()
+    };
+    // Where two are as empty, the first.
+    let corners = [
+        (SeriesLabelPosition::UpperRight, hidden(true, true)),
+        (SeriesLabelPosition::UpperLeft, hidden(false, true)),
+        (SeriesLabelPosition::LowerRight, hidden(true, false)),
+        (SeriesLabelPosition::LowerLeft, hidden(false, false)),
+    ];
+    let best = corners.into_iter().min_by_key(|corner| corner.1);
+    best.map_or(SeriesLabelPosition::UpperRight, |corner| corner.0)
 }
 
 /// How many ticks an axis has room for, one every `apart` pixels.
@@ -282,6 +341,22 @@ mod tests {
         for word in ["<svg", "x [m]", "y [m]", "title", "points", "</svg>"] {
             assert!(text.contains(word), "no {word}");
         }
+    }
+
+    #[test]
+    fn a_legend_stands_where_nothing_is_drawn() {
+        let corner = |points: &[[f64; 2]]| {
+            let panel = panel(points.to_vec());
+            let (x, y) = equalised(&panel);
+            emptiest_corner(&panel, &x, &y)
+        };
+        assert!(matches!(corner(&[]), SeriesLabelPosition::UpperRight));
+        let (x, y) = equalised(&panel(Vec::new()));
+        let upper_right = [x.end - 1e-3, y.end - 1e-3];
+        let upper_left = [x.start + 1e-3, y.end - 1e-3];
+        assert!(matches!(corner(&[upper_right]), SeriesLabelPosition::UpperLeft));
+        let both = [upper_right, upper_left];
+        assert!(matches!(corner(&both), SeriesLabelPosition::LowerRight));
     }
 
     #[test]

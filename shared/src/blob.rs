@@ -54,7 +54,7 @@ pub struct EffectSummary {
 /// One rope that the policy may be asked to swing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RopeEntry {
-    /// Name, as goals use it.
+    /// Name, for people; goals name the rope by its place in the list.
     pub name: heapless::String<NAME_BYTES>,
     /// Young's modulus, Pa.
     pub young_pa: f64,

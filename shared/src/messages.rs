@@ -33,7 +33,7 @@ pub struct Goal {
     pub magic: u64,
     /// When the client sent it, ns; a goal older than half a second is refused.
     pub stamp_ns: u64,
-    /// The client's name for this goal; not zero and not the id of the goal before.
+    /// The client's name for this goal; not zero and not the id of the goal that was accepted last.
     pub id: u64,
     /// Where the tip shall reach, x in the task frame, m.
     pub x_m: f64,
@@ -264,7 +264,7 @@ coded! {
         NonFinite = 11, "the goal is not a finite number";
         Stale = 12, "the goal is older than half a second";
         FromFuture = 13, "the goal's stamp lies in the future: clocks differ";
-        OutOfOrder = 14, "the goal repeats an id or is older than one already judged";
+        OutOfOrder = 14, "the goal repeats the id of the one accepted last or is older";
         UnknownRope = 15, "the policy file has no such rope";
         OutOfRange = 16, "the goal lies outside what this rope was seen to reach or the policy was trained for";
         ReleaseOutOfRange = 17, "the release point lies outside the task or beyond the rope's length";
