@@ -150,8 +150,9 @@ fn unseen(unseen: &[Unseen]) -> Markup {
             ul {
                 @for one in unseen {
                     li {
-                        b { (parameter_title(&one.name)) } " of " (significant(one.size)) " " (unit(&one.unit)) ": "
-                        (format!("{:.0} %", 100.0 * one.power))
+                        b { (parameter_title(&one.name)) } " of " (significant(one.size))
+                        @if !unit(&one.unit).is_empty() { " " (unit(&one.unit)) }
+                        (format!(": {:.0} %", 100.0 * one.power))
                     }
                 }
             }

@@ -52,7 +52,9 @@ pub struct Sampling {
     /// Distance of slices along the rope, in cells. Thinner ones bend no better: see "what did not pay" in
     /// [`crate::sim`].
     pub slice_cells: f64,
-    /// Largest distance of neighbouring rings of particles within a section, in cells.
+    /// Distance of neighbouring rings of particles within a section, in cells, as near as a whole number of rings comes to
+    /// it. Where finer grids had fewer particles per cell than 1.5 cells have with their least two rings (0.5 and more
+    /// instead of 0.375), the first bending mode of a rope 3 cells thick was 0.5 % off, with as many 0.3 %.
     pub section_cells: f64,
 }
 
@@ -60,7 +62,7 @@ impl Default for Sampling {
     fn default() -> Self {
         Self {
             slice_cells: 0.6,
-            section_cells: 0.5,
+            section_cells: 0.375,
         }
     }
 }
