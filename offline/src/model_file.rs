@@ -3,8 +3,9 @@
 
 use crate::demo::{Demo, SceneKind};
 use crate::effects;
-use crate::model::{Estimate, Structure};
+use crate::model::{Estimate, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
 use crate::run_files::{FileError, Fnv64, write_whole};
+use crate::sim::REVISION;
 use crate::sim::rope::RopeShape;
 use crate::toml_lines::line_at;
 use anyhow::Context;
@@ -103,10 +104,11 @@ impl ModelFile {
         Fnv64::of(self.text().as_bytes())
     }
 
-    /// Hash of what swings: shape and mass, sizes of the effects, grid. Young's modulus and Poisson's ratio are not in
+    /// Hash of what swings: the simulator's revision, shape and mass, sizes of the effects, grid. Young's modulus and Poisson's ratio are not in
     /// it, because rollouts vary them.
     pub fn swing_hash(&self) -> u64 {
         let mut hash = Fnv64::default();
+        hash.add(&REVISION.to_le_bytes());
         let RopeShape {
             length_m,
             diameter_m,
@@ -149,14 +151,7 @@ impl ModelFile {
             for (parameter, wanted) in entry.parameters.iter().zip(wanted) {
                 let name = format!("{}.{}", entry.id, wanted.name);
                 refuse_other(parameter, [&name, wanted.unit])?;
-                anyhow::ensure!(
-                    (wanted.low..=wanted.high).contains(&parameter.value),
-                    "{name} is {}, outside {} to {} {}: fit the rope again, or mend the value",
-                    parameter.value,
-                    wanted.low,
-                    wanted.high,
-                    wanted.unit
-                );
+                refuse_outside(&name, parameter.value, [wanted.low, wanted.high], wanted.unit)?;
             }
             structure.effects.push(index);
             values.extend(entry.parameters.iter().map(|p| p.value));
@@ -238,11 +233,30 @@ impl ModelFile {
             );
         }
         let wanted = Structure::default().parameters();
-        for (found, wanted) in self.elasticity.iter().zip(&wanted) {
+        let ranges = [YOUNG_RANGE_PA, POISSON_RANGE];
+        for ((found, wanted), range) in self.elasticity.iter().zip(&wanted).zip(ranges) {
             refuse_other(found, [&wanted.name, wanted.unit])?;
+            refuse_outside(&wanted.name, found.value, range, wanted.unit)?;
         }
+        let cells = self.provenance.cells_per_diameter;
+        anyhow::ensure!(
+            cells.is_finite() && cells > 0.0,
+            "cells_per_diameter is {cells}: write the cells across the rope that it was fitted with"
+        );
         Ok(())
     }
+}
+
+/// Share of a range by which a value may lie beyond it: what a fit took to an end may do so by a rounding.
+const ROUNDING: f64 = 1e-9;
+
+fn refuse_outside(name: &str, value: f64, [low, high]: [f64; 2], unit: &str) -> anyhow::Result<()> {
+    let beyond = ROUNDING * (high - low);
+    anyhow::ensure!(
+        (low - beyond..=high + beyond).contains(&value),
+        "{name} is {value}, outside {low} to {high} {unit}: fit the rope again, or mend the value"
+    );
+    Ok(())
 }
 
 /// Refuses a value that stands where another one belongs, or in another unit.
@@ -312,6 +326,16 @@ mod tests {
         assert_eq!(ModelFile::load(&path).unwrap(), one);
     }
 
+    /// Half of all steps to 0.05 end beside it.
+    #[test]
+    fn a_value_that_is_beyond_its_range_by_a_rounding_is_one_at_its_end() {
+        let most_kg = effects::ALL[effects::find("tip_mass").unwrap()].parameters[0].high;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        model(most_kg.next_up(), 1e6).save(&path).unwrap();
+        assert!(ModelFile::load(&path).is_ok());
+    }
+
     /// A model is a file that anyone may have edited.
     #[test]
     fn what_no_fit_wrote_is_refused_by_name() {
@@ -340,6 +364,14 @@ mod tests {
             (
                 text.replace("\"poisson\"", "\"nu\""),
                 "`nu` in `1` where `poisson`",
+            ),
+            (
+                text.replace("value = 1000000.0", "value = -1.0"),
+                "young_pa is -1, outside",
+            ),
+            (
+                text.replace("cells_per_diameter = 1.5", "cells_per_diameter = nan"),
+                "cells_per_diameter is NaN",
             ),
             (
                 text.replace("length_m = 0.3", "length_m = nan"),

@@ -31,7 +31,7 @@ impl FileError {
 /// is written, not the link; what is no file, such as a device, is written to as it stands.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let fail = |cause| FileError::new("write", path, cause);
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let target = linked(path);
     let path = target.as_path();
     if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
         let mut device = File::options().write(true).open(path).map_err(fail)?;
@@ -52,6 +52,21 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
         .map_err(fail)
 }
 
+/// Most links that are followed one after the other, as Linux does.
+const MOST_LINKS: usize = 40;
+
+/// Where a path leads, also where nothing is there yet.
+fn linked(path: &Path) -> PathBuf {
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        let Ok(target) = fs::read_link(&path) else {
+            break;
+        };
+        path = path.parent().unwrap_or(Path::new("")).join(target);
+    }
+    path
+}
+
 /// Makes a folder that is not there, and refuses one that nothing can be written to: after hours of work would be a bad
 /// time to say so.
 ///
@@ -62,7 +77,7 @@ pub fn prepare_folder(path: &Path) -> Result<(), FileError> {
         let cause = std::io::Error::new(ErrorKind::NotADirectory, "it is a file, not a folder");
         return Err(FileError::new("write into", path, cause));
     }
-    fs::create_dir_all(path).map_err(|cause| FileError::new("make", path, cause))?;
+    fs::create_dir_all(linked(path)).map_err(|cause| FileError::new("make", path, cause))?;
     match tempfile::NamedTempFile::new_in(path) {
         Ok(_) => Ok(()),
         Err(cause) => Err(FileError::new("write into", path, cause)),
@@ -300,6 +315,13 @@ mod tests {
         write_whole(&link, b"new").unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&target).unwrap(), b"new");
+        fs::remove_file(&target).unwrap();
+        write_whole(&link, b"first").unwrap();
+        assert_eq!(fs::read(&target).unwrap(), b"first");
+        let (place, there) = (folder.path().join("place"), folder.path().join("there"));
+        std::os::unix::fs::symlink("there", &place).unwrap();
+        prepare_folder(&place).unwrap();
+        assert!(there.is_dir());
 
         let pipe = folder.path().join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
@@ -313,8 +335,9 @@ mod tests {
             }
         });
         write_whole(&pipe, b"through").unwrap();
-        assert_eq!(reader.join().unwrap(), b"through");
+        // Before the reader is waited for, which would wait for ever where a file took the pipe's place.
         assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+        assert_eq!(reader.join().unwrap(), b"through");
     }
 
     #[test]

@@ -45,8 +45,7 @@ const FIRST_LEAN_RAD: f64 = 0.3;
 const ARRIVAL_S: f64 = 0.05;
 /// How long the rope then comes nearer to rest, s.
 const CALM_S: f64 = 0.15;
-/// How near to where it opens a gripper counts as arrived, m. A fiftieth of the rope's diameter: the rest is sought
-/// with the gripper where it opens.
+/// How near to where it opens a gripper counts as arrived, m. The rest is sought with the gripper where it opens.
 const THERE_M: f64 = 3e-4;
 /// How long before it opens the gripper is asked where that is, s.
 const OPENING_S: f64 = 1e-6;
@@ -86,9 +85,10 @@ impl SimulatedSwing {
         let single = self.physics::<f32>(young_pa, poisson, LEAN_RAD);
         let calm = scene.leg(placed, there_s, there_s + CALM_S);
         let placed = simulate(&calm, &single)?.end;
-        let settling = scene.leg(placed, there_s, release_s);
+        let calm_s = there_s + CALM_S;
+        let settling = scene.leg(placed, calm_s, release_s);
         // Newton's method need not find the rest; time does.
-        let rest = match rest_near(&settling, &double, release_s - there_s - OPENING_S) {
+        let rest = match rest_near(&settling, &double, release_s - calm_s - OPENING_S) {
             Ok(rest) => rest,
             Err(_) => simulate(&settling, &double)?.end,
         };

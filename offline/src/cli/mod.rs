@@ -86,7 +86,7 @@ enum Command {
         after_help = "Example: offline demo check offline/demos/sample-rope/fit"
     )]
     Demo(DemoCommand),
-    /// Make the paper's tables of estimated parameters; `run` makes those of the policy.
+    /// Make the paper's tables.
     #[command(
         subcommand,
         after_help = "Example: offline reproduce sim2sim --preset quick --out runs/sim2sim"

@@ -7,11 +7,13 @@ use super::runs;
 use super::simulate::CELLS;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
+use offline::collect::Watch;
 use offline::demo::Demo;
 use offline::pipeline::Preset;
 use offline::reproduce::data::Source;
 use offline::reproduce::method::{METHODS, Method};
 use offline::reproduce::pointnet::{PointNet, Variant};
+use offline::reproduce::policies::{self, PolicyTable};
 use offline::reproduce::sim2sim::Baseline;
 use offline::reproduce::table::Table;
 use offline::reproduce::{coverage, ours, real2sim, scene, sim2sim};
@@ -59,6 +61,12 @@ pub enum Reproduce {
     /// How often the 95 % intervals of our fit hold the truth, over random ropes before two cameras.
     #[command(after_help = "Example: offline reproduce coverage --demonstrations 60 --out runs/coverage")]
     Coverage(Intervals),
+    /// What each input is worth to a policy (the paper's ablation).
+    #[command(after_help = "Example: offline reproduce ablation --preset quick --out runs/policies")]
+    Ablation(Policies),
+    /// Ropes inside and outside of what a policy learnt from (the paper's generalization test).
+    #[command(after_help = "Example: offline reproduce generalization --preset quick --out runs/policies")]
+    Generalization(Policies),
 }
 
 /// How the intervals are tested.
@@ -78,6 +86,26 @@ pub struct Intervals {
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/coverage")]
+    out: PathBuf,
+    /// Threads; all cores by default.
+    #[arg(long, value_parser = threads())]
+    threads: Option<usize>,
+}
+
+/// How much policies learn.
+#[derive(Args)]
+pub struct Policies {
+    /// How much to do.
+    #[arg(long, value_enum, default_value = "quick")]
+    preset: Preset,
+    /// Rollouts that each policy learns from; the preset's by default, the paper's are 2271.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(50..=1_000_000))]
+    rollouts: Option<u64>,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    seed: u64,
+    /// Folder of rollouts and tables; a stopped run goes on there.
+    #[arg(long, value_name = "DIR", default_value = "runs/policies")]
     out: PathBuf,
     /// Threads; all cores by default.
     #[arg(long, value_parser = threads())]
@@ -151,13 +179,20 @@ pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
             };
             let demos = folders
                 .iter()
-                .map(|path| Ok(Demo::load(path)?))
+                .map(|path| Ok(Demo::load_to_simulate(path)?))
                 .collect::<anyhow::Result<Vec<_>>>()?;
             let out = folder(common, "real2sim")?;
             let tables = real2sim::run(&settings, &demos, &out, &|line| reporter.say(line))?;
             finish(&tables, &out, json)
         }
         Reproduce::Coverage(intervals) => test_intervals(intervals, &reporter, json),
+        Reproduce::Ablation(asked) => {
+            policies_table(asked, ("ablation", policies::ablation), &reporter, json)
+        }
+        Reproduce::Generalization(asked) => {
+            let table: MakeTable = policies::generalization;
+            policies_table(asked, ("generalization", table), &reporter, json)
+        }
     }
 }
 
@@ -176,6 +211,26 @@ fn test_intervals(intervals: &Intervals, reporter: &Reporter, json: bool) -> any
     write_whole(&intervals.out.join("coverage.json"), machine.as_bytes())?;
     let text = found.markdown();
     write_whole(&intervals.out.join("coverage.md"), text.as_bytes())?;
+    print(if json { &machine } else { &text })
+}
+
+/// Makes a table of policies.
+type MakeTable = fn(&policies::Settings, &Path, Watch) -> anyhow::Result<PolicyTable>;
+
+fn policies_table(
+    asked: &Policies,
+    (name, make): (&str, MakeTable),
+    reporter: &Reporter,
+    json: bool,
+) -> anyhow::Result<()> {
+    runs::set_threads(asked.threads)?;
+    let mut settings = policies::Settings::of(asked.preset, asked.seed);
+    settings.rollouts = asked.rollouts.unwrap_or(settings.rollouts);
+    let table = make(&settings, &asked.out, runs::watch(&|p| reporter.advance(p))?)?;
+    let text = table.markdown();
+    write_whole(&asked.out.join(format!("{name}.md")), text.as_bytes())?;
+    let machine = serde_json::to_string_pretty(&table)?;
+    write_whole(&asked.out.join(format!("{name}.json")), machine.as_bytes())?;
     print(if json { &machine } else { &text })
 }
 

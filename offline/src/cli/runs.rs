@@ -5,7 +5,7 @@ use super::output::{command_line, note, print};
 use super::progress::Reporter;
 use anyhow::Context;
 use offline::PROGRAM;
-use offline::collect::{DatasetSummary, Watch};
+use offline::collect::{DatasetSummary, Progress, Watch};
 use offline::diagnose::Advice;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
 use offline::inspect::{inspect, stale};
@@ -165,11 +165,8 @@ impl Job<'_> {
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
             // What comes before is kept round by round: there Ctrl-C ends the program at once.
-            catch_interrupt()?;
-            let watch = Watch {
-                progress: &|p| reporter.advance(p),
-                stop: &STOP,
-            };
+            let progress = |p| reporter.advance(p);
+            let watch = watch(&progress)?;
             if last == Stage::Collect {
                 let rollouts = rollouts(&identified, &self.settings, run, watch)?;
                 say_rollouts(&rollouts, reporter);
@@ -290,6 +287,15 @@ fn provenance(job: &Job) -> Vec<(String, String)> {
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .to_vec()
+}
+
+/// Whom rollouts and training tell how far they are, and who may stop them.
+pub fn watch(progress: &(dyn Fn(Progress) + Sync)) -> anyhow::Result<Watch<'_>> {
+    catch_interrupt()?;
+    Ok(Watch {
+        progress,
+        stop: &STOP,
+    })
 }
 
 /// Ctrl-C lets running rollouts end and their shard be written; the second one leaves at once.
@@ -475,14 +481,7 @@ fn finish(
 
 /// FNV-1a hashes of what went in and of what the stages that were done left, hexadecimal.
 fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
-    let (run, after_fit) = (
-        &job.run,
-        if last == Stage::Fit {
-            Stage::Fit
-        } else {
-            Stage::Diagnose
-        },
-    );
+    let run = &job.run;
     let file = |path: PathBuf, made_by: Stage| {
         let bytes = (made_by <= last).then(|| std::fs::read(path).ok()).flatten();
         bytes.map(|bytes| hex(Fnv64::of(&bytes)))
@@ -491,10 +490,10 @@ fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
     serde_json::json!({
         "demos": demos(&job.inputs.hashes),
         "held_out": demos(&job.inputs.held_out_hashes),
-        "fit": file(run.fit(), after_fit),
-        "residual": file(run.residual(), after_fit),
+        "fit": file(run.fit(), Stage::Fit),
+        "residual": file(run.residual(), Stage::Fit),
         "diagnosis": file(run.diagnosis(), Stage::Diagnose),
-        "model": file(run.model(), after_fit),
+        "model": file(run.model(), Stage::Fit),
         "dataset": dataset.map(hex),
         "weights": file(run.weights(), Stage::Train),
         "evaluation": file(run.evaluation(), Stage::Evaluate),

@@ -162,7 +162,7 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     let rope = Rope::of(arguments)?;
     let demo = || -> anyhow::Result<Demo> {
         Ok(match &arguments.demo {
-            Some(folder) => Demo::load(folder)?,
+            Some(folder) => Demo::load_to_simulate(folder)?,
             None => Demo::load(&shipped()?[0])?,
         })
     };

@@ -2,9 +2,11 @@
 
 use super::summary::{Frame, distance};
 use super::{
-    CameraSpec, ClampSample, Demo, MarkerSample, Observations, RopeEnd, SceneKind, StartState, rotation,
+    CameraSpec, ClampSample, Demo, DemoError, MarkerSample, Observations, RopeEnd, SceneKind, StartState,
+    rotation,
 };
 use nalgebra::Vector3;
+use std::path::Path;
 
 /// Stretch and error of arc lengths that a chord may show.
 const CHORD_ALLOWED: f64 = 1.05;
@@ -23,20 +25,37 @@ const LATEST_BEGIN_S: f64 = 60.0;
 const LONGEST_S: f64 = 3600.0;
 
 /// What keeps a demonstration's clock from being simulated, and what to do: simulations begin at zero.
-pub fn clock_problem(demo: &Demo) -> Option<String> {
+pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
     let Span { first_s, last_s } = span(demo);
-    let offset = first_s < 0.0 || first_s > LATEST_BEGIN_S && !demo.spec.is_static();
+    // A rope that moves at first does so at zero, which has been seen to; its clamps may have been recorded before.
+    let moves = demo.spec.start == StartState::Moving;
+    let offset = first_s < 0.0 && !moves || first_s > LATEST_BEGIN_S && !demo.spec.is_static();
     if last_s - first_s > LONGEST_S && !demo.spec.is_static() {
-        Some(format!(
-            "its times go from {first_s} to {last_s} s, which is more than an hour; are some of them in other units than \
-             seconds, or by another clock?"
-        ))
+        Some([
+            format!("its times go from {first_s} to {last_s} s, which is more than an hour"),
+            "give all of them in seconds and by one clock".into(),
+        ])
     } else if offset {
-        Some(format!(
-            "its times begin at {first_s} s, simulations at 0; let `offline demo cut FOLDER --out NEW` shift them"
-        ))
+        Some([
+            format!("its times begin at {first_s} s, simulations at 0"),
+            "let `offline demo cut FOLDER --out NEW` shift them".into(),
+        ])
     } else {
         None
+    }
+}
+
+impl Demo {
+    /// As [`Self::load`], for a simulation that follows its clock.
+    ///
+    /// # Errors
+    /// Also where no simulation does.
+    pub fn load_to_simulate(dir: impl AsRef<Path>) -> Result<Self, DemoError> {
+        let demo = Self::load(&dir)?;
+        match clock_problem(&demo) {
+            Some([problem, remedy]) => Err(DemoError::new(dir.as_ref(), problem, remedy)),
+            None => Ok(demo),
+        }
     }
 }
 
@@ -57,7 +76,10 @@ pub(super) fn span(demo: &Demo) -> Span {
 
 /// Everything that contradicts itself, one line each.
 pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
-    let mut found: Vec<String> = clock_problem(demo).into_iter().collect();
+    let mut found: Vec<String> = clock_problem(demo)
+        .map(|said| said.join("; "))
+        .into_iter()
+        .collect();
     match &demo.observations {
         Observations::Markers(samples) => {
             found.extend(chords(demo, samples));

@@ -79,9 +79,6 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if facts.stopped {
         reasons.push(ReasonCode::RoundStopped);
     }
-    if structure.effects.iter().any(|&e| effects::ALL[e].only_seen) {
-        reasons.push(ReasonCode::Sensor);
-    }
     let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
     let left_mm = excess_mm(fitted, facts.doubt);
     let numerical = left_mm <= numerical_mm;
@@ -109,7 +106,12 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         let removed = excess_removed(facts.base, &now, numerical_mm);
         return (stand_in(facts, [removed, left_mm]), reasons);
     }
-    (explained(facts), reasons)
+    let verdict = explained(facts);
+    let seen = structure.effects.iter().any(|&e| effects::ALL[e].only_seen);
+    if seen && matches!(verdict, Verdict::Explained { .. }) {
+        reasons.push(ReasonCode::Sensor);
+    }
+    (verdict, reasons)
 }
 
 /// Root mean square of what a fit leaves beyond the noise and beyond doubt about it, mm; `doubt` is a share of the
@@ -285,6 +287,29 @@ pub(super) mod tests {
         let [near, strong] = [verdict(5e-3, 1.1e-3), verdict(20e-3, 1.4e-3)].map(|v| v.0);
         assert!(matches!(near, Verdict::Explained { .. }), "{near}");
         assert!(matches!(strong, Verdict::Explained { .. }), "{strong}");
+    }
+
+    #[test]
+    fn what_is_the_cameras_is_said_to_be_where_it_is_the_explanation() {
+        let of = |id: &str| Structure {
+            effects: vec![effects::find(id).unwrap()],
+        };
+        let reasons = |id: &str, after_m: f64, rivals: &[Vec<String>]| {
+            verdict_of(&of(id), [5e-3, after_m], 0.5, rivals)
+                .1
+                .contains(&ReasonCode::Sensor)
+        };
+        let lag = [vec!["gripper_lag".to_owned()]];
+        assert!(reasons("clock_offset", 1.1e-3, &[]));
+        assert!(!reasons("tip_mass", 1.1e-3, &[]));
+        assert!(
+            !reasons("clock_offset", 1.1e-3, &lag),
+            "which of the two is not known"
+        );
+        assert!(
+            !reasons("clock_offset", 1.5e-3, &[]),
+            "it may stand in for another"
+        );
     }
 
     #[test]

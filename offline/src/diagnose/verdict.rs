@@ -54,7 +54,7 @@ pub enum ReasonCode {
     RoundStopped,
     /// A part of what was missing is the camera's or the clock's.
     Sensor,
-    /// Effects of interest could be there that these data would probably not have shown.
+    /// Effects that could move the swing may be there, and these data would probably not have shown them.
     Underpowered,
 }
 
@@ -76,7 +76,7 @@ impl fmt::Display for ReasonCode {
                 "SENSOR: a part of what was missing is the camera's or the clock's, not the rope's"
             }
             Self::Underpowered => {
-                "UNDERPOWERED: effects of interest could be there that these data would probably not have shown"
+                "UNDERPOWERED: effects that matter for the swing may be there, these data would probably not have shown them"
             }
         })
     }

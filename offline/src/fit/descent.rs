@@ -395,7 +395,9 @@ impl<'a> Descent<'a> {
         info: &[ParameterInfo],
     ) -> bool {
         let theta = &self.best.evaluation.theta;
-        let trial: Vec<f64> = theta.iter().zip(step.iter()).map(|(t, s)| t + s).collect();
+        // θ + (end − θ) may lie beyond the end by a rounding.
+        let moved = theta.iter().zip(step.iter()).zip(info);
+        let trial: Vec<f64> = moved.map(|((t, s), p)| (t + s).clamp(p.low, p.high)).collect();
         // A trial that cannot be simulated is a step too far.
         let Ok(there) = self.here.settled(&self.structure, &trial) else {
             return false;

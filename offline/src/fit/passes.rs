@@ -108,7 +108,7 @@ fn balanced(columns: &[usize]) -> impl Iterator<Item = Pass> {
     columns.chunks(size).map(|c| Pass::Tangents(c.to_vec()))
 }
 
-/// Passes at work on all threads.
+/// Passes that are planned and not done, of all fits at once.
 static BUSY: AtomicUsize = AtomicUsize::new(0);
 
 /// So many passes more, until it is dropped.
@@ -120,7 +120,7 @@ impl Busy {
         Self(passes)
     }
 
-    /// How many threads there are for each pass at work.
+    /// How many threads there are for each such pass; other work, such as predictions, is not counted.
     pub(super) fn threads_each(&self) -> usize {
         rayon::current_num_threads() / BUSY.load(Ordering::Relaxed).max(1)
     }

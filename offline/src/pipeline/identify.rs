@@ -82,7 +82,7 @@ pub fn identify(
             {
                 separating_demonstration.clone_from(&advice.next_demonstration.in_words);
             }
-            if outcome.verdict == Verdict::NothingMissing && !advice.swing.unseen.is_empty() {
+            if outcome.verdict == Verdict::NothingMissing && advice.swing.matter_unseen() {
                 outcome.reasons.push(ReasonCode::Underpowered);
             }
             save(run, key, &outcome, force.as_ref(), &advice)?;

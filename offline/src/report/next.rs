@@ -133,8 +133,8 @@ fn risks(swing: &SwingRisks) -> Markup {
                 "Several effects may describe the same small rest of error, so an interval that leaves out nothing is no "
                 "finding. Differences of about 1 mm are the simulation’s own."
             }
-            (unseen(&swing.unseen))
         }
+        (unseen(&swing.unseen))
     }
 }
 

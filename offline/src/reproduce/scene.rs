@@ -53,16 +53,21 @@ impl Default for Discretisation {
     }
 }
 
+/// The paper's rope.
+pub fn rope() -> RopeShape {
+    RopeShape::of_density(
+        LENGTH_UNITS * METRES_PER_UNIT,
+        THICKNESS_UNITS * METRES_PER_UNIT,
+        DENSITY_KG_M3,
+    )
+}
+
 /// The demonstration, recorded after each of its 150 steps.
 ///
 /// # Errors
 /// The rope is too thin for the grid.
 pub fn demonstration(discretisation: &Discretisation) -> Result<Scene, SimError> {
-    let rope = RopeShape::of_density(
-        LENGTH_UNITS * METRES_PER_UNIT,
-        THICKNESS_UNITS * METRES_PER_UNIT,
-        DENSITY_KG_M3,
-    );
+    let rope = rope();
     let step_s = STEP_PAPER_S * seconds_per_unit();
     let speed_m_s = STEP_UNITS * METRES_PER_UNIT / step_s;
     let start_m = [0.0, 0.0, 0.5 * rope.diameter_m];

@@ -32,7 +32,8 @@ impl Spread {
         }
     }
 
-    fn shown(&self, digits: usize) -> String {
+    /// As people write it, with so many digits after the point.
+    pub(super) fn shown(&self, digits: usize) -> String {
         format!("{:.digits$} ± {:.digits$}", self.mean, self.deviation)
     }
 }

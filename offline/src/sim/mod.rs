@@ -104,6 +104,9 @@
 //! The step depends on the parameters, and tangents hold it fixed. A scene can therefore fix its step
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
+/// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
+pub const REVISION: u32 = 2;
+
 pub mod adjoint;
 pub mod axial;
 pub mod band;

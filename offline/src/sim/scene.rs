@@ -96,7 +96,7 @@ pub enum StepLength {
 pub const PAPER_CELLS_PER_DIAMETER: f64 = 0.028 * 64.0;
 
 /// Cells across the rope from which on bending stiffness is within 5 %, wherever the grid lies, in the
-/// first two modes of a rope of twenty diameters (`offline verify`: 1.3 % and 3.8 % low here, 1.9 % and
+/// first two modes of a rope of twenty diameters (`offline verify`: 1.3 % and 3.9 % low here, 1.9 % and
 /// 5.4 % at 1.25 cells, falling with the square of the spacing). Thinner ropes are refused, and this is
 /// the spacing that the program chooses where nobody asks for a finer one.
 pub const MIN_CELLS_PER_DIAMETER: f64 = 1.5;

@@ -108,6 +108,18 @@ pub struct SwingRisks {
 }
 
 impl SwingRisks {
+    /// Whether an effect that would probably not have been seen could move the reach by more than is small.
+    pub fn matter_unseen(&self) -> bool {
+        let effect = |name: &str| name.split('.').next().map(str::to_owned);
+        let large = |risk: &&SwingRisk| risk.at_most_mm.is_some_and(|mm| mm > SMALL_MM);
+        let mut large = self.risks.iter().filter(large);
+        large.any(|risk| {
+            self.unseen
+                .iter()
+                .any(|one| effect(&one.name) == effect(&risk.allowed.name))
+        })
+    }
+
     /// Nothing is known, and why.
     pub fn missing(why: String) -> Self {
         Self {
