@@ -293,12 +293,12 @@ impl<'a> Field<'a> {
         (0..count).into_par_iter().map(goal).collect()
     }
 
-    /// How far a policy misses its goals that is told so much of what `known` makes of a rope, paper units; and how many no
-    /// swing answered.
+    /// How far a policy that is told so much of a rope misses its goals, paper units; and how many no swing answered.
+    /// `within` says whether it is told no more than that learnt from, as a run tells its policy.
     fn misses(
         &self,
         policy: &Policy,
-        (told, known): (Told, &(dyn Fn((f64, f64)) -> (f64, f64) + Sync)),
+        (told, within): (Told, bool),
         goals: &[Goal],
     ) -> anyhow::Result<(Spread, usize)> {
         let logs = [self.design.young_pa.low.ln(), self.design.young_pa.high.ln()];
@@ -307,7 +307,11 @@ impl<'a> Field<'a> {
             if self.watch.stop.load(Ordering::Relaxed) {
                 return Err(crate::collect::Stopped.into());
             }
-            let (young_pa, poisson) = told.of(known(goal.rope), middle);
+            let (mut young_pa, mut poisson) = told.of(goal.rope, middle);
+            if within {
+                young_pa = self.design.young_pa.clamp(young_pa);
+                poisson = self.design.poisson.clamp(poisson);
+            }
             let release_m = policy.release_point_m(goal.x_m, young_pa, poisson);
             let reached = self.swinger.reach_m(goal.rope.0, goal.rope.1, release_m).ok();
             Ok(reached.map(|x_m| (x_m - goal.x_m).abs() / METRES_PER_UNIT))
@@ -323,15 +327,8 @@ impl<'a> Field<'a> {
         (trained, told): (&Trained, Told),
         goals: &[Goal],
     ) -> anyhow::Result<Row> {
-        // A run tells its policy no more than that learnt from.
-        let within = |(young_pa, poisson)| {
-            (
-                self.design.young_pa.clamp(young_pa),
-                self.design.poisson.clamp(poisson),
-            )
-        };
-        let (regression, refused) = self.misses(&trained.regression, (told, &|rope| rope), goals)?;
-        let (corrected, also) = self.misses(&trained.policy, (told, &within), goals)?;
+        let (regression, refused) = self.misses(&trained.regression, (told, false), goals)?;
+        let (corrected, also) = self.misses(&trained.policy, (told, true), goals)?;
         Ok(Row {
             name: name.into(),
             ropes,
