@@ -93,6 +93,23 @@ pub fn evaluate(
     goals: &[Practice],
     watch: Watch,
 ) -> Result<Evaluation, Stopped> {
+    evaluate_told(
+        policy,
+        swinger,
+        goals,
+        &|goal| (goal.young_pa, goal.poisson),
+        watch,
+    )
+}
+
+/// The same for a policy that is told something else of each rope: Young's modulus, Pa, and Poisson's ratio.
+pub fn evaluate_told(
+    policy: &Policy,
+    swinger: &dyn Swinger,
+    goals: &[Practice],
+    told: &(dyn Fn(&Practice) -> (f64, f64) + Sync),
+    watch: Watch,
+) -> Result<Evaluation, Stopped> {
     let done = AtomicUsize::new(0);
     let refused = AtomicUsize::new(0);
     let attempts: Result<Vec<Attempt>, _> = goals
@@ -101,7 +118,7 @@ pub fn evaluate(
             if watch.stop.load(Ordering::Relaxed) {
                 return Err(Stopped);
             }
-            let attempt = attempt(policy, swinger, goal);
+            let attempt = attempt(policy, swinger, goal, told(goal));
             let failed = usize::from(attempt.reached_m.is_err());
             (watch.progress)(Progress {
                 stage: "evaluation",
@@ -115,8 +132,13 @@ pub fn evaluate(
     Ok(summarise(attempts?))
 }
 
-fn attempt(policy: &Policy, swinger: &dyn Swinger, goal: &Practice) -> Attempt {
-    let release_m = policy.release_point_m(goal.goal_x_m, goal.young_pa, goal.poisson);
+fn attempt(
+    policy: &Policy,
+    swinger: &dyn Swinger,
+    goal: &Practice,
+    (young_pa, poisson): (f64, f64),
+) -> Attempt {
+    let release_m = policy.release_point_m(goal.goal_x_m, young_pa, poisson);
     let reached_m = match swinger.reach_m(goal.young_pa, goal.poisson, release_m) {
         Ok(reach) if !reach.is_finite() => Err(SwingRefusal::Failed(format!("the tip reached x = {reach}"))),
         other => other,

@@ -93,6 +93,16 @@ pub struct ModelProvenance {
     pub seed: u64,
 }
 
+/// Hash of what swings without effects: the simulator's revision, shape and mass, cells across the rope.
+pub fn swing_hash(rope: &RopeShape, cells: f64) -> Fnv64 {
+    let mut hash = Fnv64::default();
+    hash.add(&REVISION.to_le_bytes());
+    for value in [rope.length_m, rope.diameter_m, rope.mass_kg, cells] {
+        hash.add(&value.to_le_bytes());
+    }
+    hash
+}
+
 impl ModelFile {
     /// The file's content.
     fn text(&self) -> String {
@@ -107,16 +117,7 @@ impl ModelFile {
     /// Hash of what swings: the simulator's revision, shape and mass, sizes of the effects, grid. Young's modulus and Poisson's ratio are not in
     /// it, because rollouts vary them.
     pub fn swing_hash(&self) -> u64 {
-        let mut hash = Fnv64::default();
-        hash.add(&REVISION.to_le_bytes());
-        let RopeShape {
-            length_m,
-            diameter_m,
-            mass_kg,
-        } = self.rope;
-        for value in [length_m, diameter_m, mass_kg, self.provenance.cells_per_diameter] {
-            hash.add(&value.to_le_bytes());
-        }
+        let mut hash = swing_hash(&self.rope, self.provenance.cells_per_diameter);
         for effect in &self.effects {
             hash.add(effect.id.as_bytes());
             for parameter in &effect.parameters {

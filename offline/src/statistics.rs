@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// 97.5 % point of the normal distribution: of a two-sided test at 5 %.
+pub const NORMAL_975: f64 = 1.959_963_985;
+
 /// How often something happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rate {
@@ -27,8 +30,7 @@ impl Rate {
 
     /// 95 % interval of the probability (Wilson 1927), which holds for few events and rates near 0 and 1.
     pub fn wilson(&self) -> Option<[f64; 2]> {
-        /// 97.5 % point of the normal distribution.
-        const Z: f64 = 1.959_963_985;
+        const Z: f64 = NORMAL_975;
         let (p, n) = (self.share()?, self.of as f64);
         let square = Z * Z / n;
         let middle = p + 0.5 * square;

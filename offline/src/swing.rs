@@ -128,10 +128,8 @@ fn arrival_s(scene: &Scene, physics: &Physics<f64>) -> f64 {
     };
     let last = places(release_s - OPENING_S);
     let is_there = |t_s: f64| {
-        let pairs = places(t_s).into_iter().zip(&last);
-        pairs
-            .into_iter()
-            .all(|(here, end)| norm(sub(here, *end)) < THERE_M)
+        let mut pairs = places(t_s).into_iter().zip(&last);
+        pairs.all(|(here, end)| norm(sub(here, *end)) < THERE_M)
     };
     let knots = scene.grips[1].path.knots();
     // The last knot opens, the one before ends the motion.

@@ -158,7 +158,9 @@ pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
                 effort.epochs = pointnet_epochs.unwrap_or(effort.epochs);
             }
             settings.pointnet = settings.pointnet.filter(|effort| effort.demonstrations > 0);
-            let out = folder(common, "sim2sim")?;
+            let out = folder(common, "sim2sim");
+            // PointNet++ learns before the table looks at its folder.
+            prepare_folder(&out)?;
             let methods = chosen(only);
             if !only.is_empty() {
                 settings.pointnet = None;
@@ -181,7 +183,7 @@ pub fn run(table: &Reproduce, json: bool) -> anyhow::Result<()> {
                 .iter()
                 .map(|path| Ok(Demo::load_to_simulate(path)?))
                 .collect::<anyhow::Result<Vec<_>>>()?;
-            let out = folder(common, "real2sim")?;
+            let out = folder(common, "real2sim");
             let tables = real2sim::run(&settings, &demos, &out, &|line| reporter.say(line))?;
             finish(&tables, &out, json)
         }
@@ -267,10 +269,8 @@ fn sim2sim_table(
     sim2sim::run(settings, methods, out, &baselines, &say)
 }
 
-fn folder(common: &Common, name: &str) -> anyhow::Result<PathBuf> {
-    let out = common.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
-    prepare_folder(&out)?;
-    Ok(out)
+fn folder(common: &Common, name: &str) -> PathBuf {
+    common.out.clone().unwrap_or_else(|| Path::new("runs").join(name))
 }
 
 fn finish(tables: &[Table], out: &Path, json: bool) -> anyhow::Result<()> {

@@ -113,9 +113,6 @@ impl Rope {
             .or(of_model(0))
             .context("clap asks for one of them")?;
         let poisson = arguments.poisson.or(of_model(1)).unwrap_or(POISSON_PRIOR[0]);
-        // clap has seen to what was given; a model is a file that anyone may have edited.
-        admitted("Young's modulus, Pa,", young_pa, YOUNG_RANGE_PA)?;
-        admitted("Poisson's ratio", poisson, POISSON_RANGE)?;
         let mut theta = vec![young_pa.ln(), poisson];
         theta.extend(values);
         Ok(Self {
@@ -124,14 +121,6 @@ impl Rope {
             theta,
         })
     }
-}
-
-fn admitted(name: &str, value: f64, [low, high]: [f64; 2]) -> anyhow::Result<()> {
-    anyhow::ensure!(
-        (low..=high).contains(&value),
-        "the model's {name} is {value}, outside {low} to {high}: fit the rope again, or give the value beside it"
-    );
-    Ok(())
 }
 
 /// The model of a run, or of a file.

@@ -33,9 +33,7 @@ impl Demo {
         let whole = !self.spec.is_static() && Some(&first_s) == times.first();
         if whole {
             part.keep_paths(f64::NEG_INFINITY, last_s);
-            if clock_problem(&part).is_some() {
-                part.shift(-span(&part).first_s);
-            }
+            part.set_clock();
             return Ok(part);
         }
         for (index, path) in self.clamps.iter().enumerate() {
@@ -55,8 +53,8 @@ impl Demo {
             part.spec.scene = SceneKind::Free;
             part.spec.start = start;
             part.shift(-first_s);
-        } else if clock_problem(&part).is_some() {
-            part.shift(-span(&part).first_s);
+        } else {
+            part.set_clock();
         }
         Ok(part)
     }
@@ -112,6 +110,13 @@ impl Demo {
                 self.commanded.remove(index);
                 self.spec.clamps.remove(index);
             }
+        }
+    }
+
+    /// Lets times that a simulation would not follow begin at zero.
+    fn set_clock(&mut self) {
+        if clock_problem(self).is_some() {
+            self.shift(-span(self).first_s);
         }
     }
 

@@ -106,7 +106,7 @@ impl Problem<'_> {
         let busy = Busy::with(self.demos.len() * passes.len());
         let passes_of = |demo: usize| match self.scenes[demo].start {
             // Where the start is sought, when the search ends depends on which tangents it carries.
-            Start::Straight if !self.rests(demo) => spread(&passes, busy.threads_each()),
+            Start::Straight => spread(&passes, busy.threads_each()),
             _ => passes.clone(),
         };
         let passes: Vec<Vec<Pass>> = (0..self.demos.len()).map(passes_of).collect();

@@ -9,7 +9,7 @@ use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
 use crate::observe::Section;
 use crate::run_files::{RunFolder, kept, write_whole};
-use crate::statistics::Rate;
+use crate::statistics::{NORMAL_975, Rate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -61,8 +61,6 @@ pub struct Coverage {
     pub poisson_confidently_wrong: Rate,
 }
 
-/// 97.5 % point of the normal distribution.
-const NORMAL_975: f64 = 1.959_963_985;
 /// Standard errors from which on an identified parameter counts as wrong.
 const WRONG: f64 = 3.0;
 /// Streams of starts and noise differ from that of the ropes.

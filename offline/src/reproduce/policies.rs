@@ -11,15 +11,16 @@
 
 use super::scene::rope;
 use super::table::Spread;
-use crate::collect::{Dataset, Design, Sample, Swinger, Watch, collect, stream};
+use crate::collect::{Dataset, Design, Sample, Stopped, Swinger, Watch, collect, stream};
+use crate::evaluate::evaluate_told;
 use crate::fit::Resolution;
 use crate::model::Structure;
+use crate::model_file::swing_hash;
 use crate::paper_units::{METRES_PER_UNIT, young_pa};
-use crate::pipeline::Preset;
-use crate::run_files::{Fnv64, RunFolder};
-use crate::sim::REVISION;
+use crate::pipeline::{Preset, RunSettings};
+use crate::reach::Practice;
+use crate::run_files::RunFolder;
 use crate::sim::rope::RopeShape;
-use crate::sim::scene::{MIN_CELLS_PER_DIAMETER, PAPER_CELLS_PER_DIAMETER};
 use crate::swing::SimulatedSwing;
 use crate::train::{Learner, TrainSettings};
 use crate::trained::Trained;
@@ -74,11 +75,7 @@ impl Settings {
         let quick = preset == Preset::Quick;
         Self {
             rollouts: if quick { 400 } else { 2271 },
-            cells: if quick {
-                MIN_CELLS_PER_DIAMETER
-            } else {
-                PAPER_CELLS_PER_DIAMETER
-            },
+            cells: RunSettings::of(preset, seed).cells,
             training: TrainSettings {
                 rounds: 0,
                 seed,
@@ -113,12 +110,6 @@ impl Told {
             if self.poisson { rope.1 } else { other.1 },
         )
     }
-}
-
-/// A goal with the rope that is to reach it: Young's modulus, Pa, and Poisson's ratio.
-struct Goal {
-    x_m: f64,
-    rope: (f64, f64),
 }
 
 /// One row: a policy, or two that learnt alike.
@@ -195,12 +186,12 @@ impl<'a> Field<'a> {
         swinger: &'a dyn Swinger,
         watch: Watch<'a>,
     ) -> anyhow::Result<Self> {
-        let (shape, task) = (rope(), SwingTask::PAPER);
+        let (shape, own) = (rope(), swing(settings));
         Ok(Self {
             design: Design {
                 young_pa: pascals(&YOUNG_UNITS, &shape),
                 poisson: POISSON,
-                region: Design::region(&task, shape.length_m - 2.0 * task.grip_m),
+                region: Design::region(&own.task, own.free_length_m()),
                 rollouts: settings.rollouts,
                 seed: settings.seed,
             },
@@ -210,21 +201,6 @@ impl<'a> Field<'a> {
             swinger,
             watch,
         })
-    }
-
-    /// Hash of what swings.
-    fn model(&self) -> u64 {
-        let RopeShape {
-            length_m,
-            diameter_m,
-            mass_kg,
-        } = self.shape;
-        let mut hash = Fnv64::default();
-        hash.add(&REVISION.to_le_bytes());
-        for value in [length_m, diameter_m, mass_kg, self.settings.cells] {
-            hash.add(&value.to_le_bytes());
-        }
-        hash.value()
     }
 
     /// Rollouts of the random design.
@@ -249,7 +225,8 @@ impl<'a> Field<'a> {
 
     fn rolled_out(&self, number: usize, samples: &[Sample]) -> anyhow::Result<Dataset> {
         let folder = self.folder.rollouts(number);
-        collect(samples, self.swinger, &folder, self.model(), self.watch)
+        let model = swing_hash(&self.shape, self.settings.cells).value();
+        collect(samples, self.swinger, &folder, model, self.watch)
     }
 
     fn paper_rope(&self, [young_units, poisson]: [f64; 2]) -> (f64, f64) {
@@ -274,19 +251,23 @@ impl<'a> Field<'a> {
         &self,
         [set, count]: [u64; 2],
         rope: &(dyn Fn(u64, &mut rand_chacha::ChaCha8Rng) -> (f64, f64) + Sync),
-    ) -> anyhow::Result<Vec<Goal>> {
+    ) -> anyhow::Result<Vec<Practice>> {
         let goal = |index: u64| {
             let mut rng = stream(self.settings.seed, GOALS + (set << 32) + index);
             loop {
                 if self.watch.stop.load(Ordering::Relaxed) {
-                    return Err(crate::collect::Stopped.into());
+                    return Err(Stopped.into());
                 }
-                let rope = rope(index, &mut rng);
+                let (young_pa, poisson) = rope(index, &mut rng);
                 let release_m = self.design.release(&mut rng);
-                if let Ok(x_m) = self.swinger.reach_m(rope.0, rope.1, release_m)
-                    && x_m.is_finite()
+                if let Ok(goal_x_m) = self.swinger.reach_m(young_pa, poisson, release_m)
+                    && goal_x_m.is_finite()
                 {
-                    return Ok(Goal { x_m, rope });
+                    return Ok(Practice {
+                        goal_x_m,
+                        young_pa,
+                        poisson,
+                    });
                 }
             }
         };
@@ -299,33 +280,40 @@ impl<'a> Field<'a> {
         &self,
         policy: &Policy,
         (told, within): (Told, bool),
-        goals: &[Goal],
+        goals: &[Practice],
     ) -> anyhow::Result<(Spread, usize)> {
-        let logs = [self.design.young_pa.low.ln(), self.design.young_pa.high.ln()];
-        let middle = ((0.5 * (logs[0] + logs[1])).exp(), self.design.poisson.at(0.5));
-        let miss = |goal: &Goal| -> anyhow::Result<Option<f64>> {
-            if self.watch.stop.load(Ordering::Relaxed) {
-                return Err(crate::collect::Stopped.into());
-            }
-            let (mut young_pa, mut poisson) = told.of(goal.rope, middle);
+        let Design {
+            young_pa, poisson, ..
+        } = &self.design;
+        let middle = (
+            (0.5 * (young_pa.low.ln() + young_pa.high.ln())).exp(),
+            poisson.at(0.5),
+        );
+        let of = |goal: &Practice| {
+            let (e, nu) = told.of((goal.young_pa, goal.poisson), middle);
             if within {
-                young_pa = self.design.young_pa.clamp(young_pa);
-                poisson = self.design.poisson.clamp(poisson);
+                (young_pa.clamp(e), poisson.clamp(nu))
+            } else {
+                (e, nu)
             }
-            let release_m = policy.release_point_m(goal.x_m, young_pa, poisson);
-            let reached = self.swinger.reach_m(goal.rope.0, goal.rope.1, release_m).ok();
-            Ok(reached.map(|x_m| (x_m - goal.x_m).abs() / METRES_PER_UNIT))
         };
-        let all: Vec<Option<f64>> = goals.par_iter().map(miss).collect::<anyhow::Result<_>>()?;
-        let answered: Vec<f64> = all.iter().flatten().copied().filter(|m| m.is_finite()).collect();
-        Ok((Spread::of(&answered), goals.len() - answered.len()))
+        let found = evaluate_told(policy, self.swinger, goals, &of, self.watch)?;
+        let spread = found.miss.map_or_else(
+            || Spread::of(&[]),
+            |miss| Spread {
+                mean: miss.mean_paper,
+                deviation: miss.spread_paper,
+                n: miss.count,
+            },
+        );
+        Ok((spread, goals.len() - spread.n))
     }
 
     fn row(
         &self,
         (name, ropes, printed): (&str, &'static str, &'static str),
         (trained, told): (&Trained, Told),
-        goals: &[Goal],
+        goals: &[Practice],
     ) -> anyhow::Result<Row> {
         let (regression, refused) = self.misses(&trained.regression, (told, false), goals)?;
         let (corrected, also) = self.misses(&trained.policy, (told, true), goals)?;

@@ -89,9 +89,9 @@
 //!   masses lumped at nodes are too slow by (k dx)²/4 of the squared frequency of a wave number k, 2.5 and 6.9 % for the
 //!   first two bending modes of a free rope at 1.5 cells. Their stiffness comes out 3.1 and 6.3 % low, now 1.3 and 3.9;
 //!   cantilevers sag 2 to 6 % too far (now within 1 %), which stiffer clamps would mend. Without forgetting it keeps its
-//!   energy to 1e-10 per period and a held rope moves by 0.03 nm within a second, now 2.8; but then nodes that see little
-//!   of the rope go astray, and an elastica of 2.1 cells misses by a fifth at two of four alignments. It wants masses that
-//!   are not lumped, which about halve the squared step.
+//!   energy to 1e-10 per period and a held rope moves by 0.03 nm within a second, now 0.8; but then nodes that see little
+//!   of the rope go astray, and an elastica of 2.1 cells misses by a fifth at two of four alignments. Masses that are
+//!   not lumped were not tried.
 //! - *Clamps that stiffen with the square of the cells across the rope*, so that they give by a third of a cell on every
 //!   grid: on 3 cells with three rings of particles a cantilever then sags 3.0 % too little, else from 0.2 % too little to
 //!   1.1 % too far.

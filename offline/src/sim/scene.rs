@@ -345,10 +345,8 @@ impl Scene {
 
     /// Whether no clamp opens before the end.
     pub fn holds_throughout(&self) -> bool {
-        let knots = self.grips.iter().flat_map(|grip| grip.path.knots());
-        knots
-            .into_iter()
-            .all(|knot| knot.closed || knot.t_s > self.duration_s)
+        let mut knots = self.grips.iter().flat_map(|grip| grip.path.knots());
+        knots.all(|knot| knot.closed || knot.t_s > self.duration_s)
     }
 
     /// Arc lengths at which the grips end, m.

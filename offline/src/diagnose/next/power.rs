@@ -6,10 +6,8 @@
 //! and Reiner 1965). A test at 5 % would ask for less and is not what decides: models hold errors alike, of the
 //! grid above all, which such a test takes for evidence.
 
+use crate::statistics::NORMAL_975;
 use nalgebra::{DMatrix, DVector};
-
-/// Normal quantile of a two-sided test at 5 %.
-const FIVE_PERCENT: f64 = 1.959_963_985;
 
 /// A wrong model beside the true one on some data, all in standard errors.
 pub struct Miss {
@@ -47,7 +45,7 @@ pub fn power(distance: f64, needed: f64, variance: f64) -> f64 {
 
 /// Chance with which a two-sided test at 5 % shows something of so many standard errors.
 pub fn shown(size_in_errors: f64) -> f64 {
-    normal_above(FIVE_PERCENT - size_in_errors) + normal_above(FIVE_PERCENT + size_in_errors)
+    normal_above(NORMAL_975 - size_in_errors) + normal_above(NORMAL_975 + size_in_errors)
 }
 
 fn normal_above(z: f64) -> f64 {
@@ -97,7 +95,7 @@ mod tests {
     #[test]
     fn what_is_small_is_hardly_shown() {
         assert!((shown(0.0) - 0.05).abs() < 1e-9);
-        assert!((shown(FIVE_PERCENT + 0.841_621) - 0.8).abs() < 1e-5);
+        assert!((shown(NORMAL_975 + 0.841_621) - 0.8).abs() < 1e-5);
         assert_eq!(shown(3.0), shown(-3.0));
     }
 

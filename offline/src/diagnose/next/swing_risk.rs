@@ -70,6 +70,11 @@ pub struct Unseen {
     pub power: f64,
 }
 
+/// The effect in the name of one of its parameters.
+fn effect_of(name: &str) -> Option<&str> {
+    name.split('.').next()
+}
+
 /// What a parameter could do to the swing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SwingRisk {
@@ -110,13 +115,12 @@ pub struct SwingRisks {
 impl SwingRisks {
     /// Whether an effect that would probably not have been seen could move the reach by more than is small.
     pub fn matter_unseen(&self) -> bool {
-        let effect = |name: &str| name.split('.').next().map(str::to_owned);
         let large = |risk: &&SwingRisk| risk.at_most_mm.is_some_and(|mm| mm > SMALL_MM);
         let mut large = self.risks.iter().filter(large);
         large.any(|risk| {
             self.unseen
                 .iter()
-                .any(|one| effect(&one.name) == effect(&risk.allowed.name))
+                .any(|one| effect_of(&one.name) == effect_of(&risk.allowed.name))
         })
     }
 
