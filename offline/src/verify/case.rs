@@ -42,8 +42,6 @@ pub struct Case {
     pub passed: bool,
     /// Why there is no value, if a simulation stopped.
     pub stopped: Option<String>,
-    /// Why it misses, where that is known.
-    pub cause: Option<&'static str>,
 }
 
 /// Builds the cases of one family.
@@ -127,7 +125,6 @@ impl Of {
             // NaN does not pass.
             passed: error <= tolerance,
             stopped: None,
-            cause: None,
         }
     }
 }
@@ -163,10 +160,6 @@ pub fn table(report: &Report) -> String {
     );
     for case in &report.cases {
         text += &line(case);
-    }
-    let causes = report.cases.iter().filter_map(|case| Some((case, case.cause?)));
-    for (case, cause) in causes {
-        text += &format!("FAIL {}: {cause}\n", case.name);
     }
     for study in &report.studies {
         text += &study.text();

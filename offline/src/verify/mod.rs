@@ -10,11 +10,11 @@ mod clamps;
 mod contact;
 mod golden;
 mod invariance;
-mod misses;
 mod motion;
 mod plots;
 pub mod random;
 pub mod reference;
+mod section;
 pub mod setup;
 mod stepper;
 mod stops;
@@ -88,11 +88,7 @@ pub fn verify(extent: Extent, progress: &(dyn Fn(&str) + Sync)) -> Report {
     };
     let findings: Vec<Findings> = FAMILIES.par_iter().map(run).collect();
     for found in findings {
-        let known = |mut case: Case| {
-            case.cause = misses::known(&case);
-            case
-        };
-        report.cases.extend(found.cases.into_iter().map(known));
+        report.cases.extend(found.cases);
         report.studies.extend(found.studies);
     }
     report

@@ -1,6 +1,7 @@
 //! Exact answers: rods and beams as ordinary differential equations, solved by shooting with the
 //! classical Runge-Kutta rule far below the tolerances of the suite.
 
+use super::section::Section;
 use super::setup::{DENSITY_KG_M3, G_M_S2, POISSON};
 
 /// Section stiffness and inertia of a round rod.
@@ -39,6 +40,24 @@ impl Rod {
     /// Weight per length, N/m.
     pub fn weight_n_m(&self) -> f64 {
         self.mass_kg_m * G_M_S2
+    }
+
+    /// Radius of the round section, m, of which I is a quarter of the square times A.
+    fn radius_m(&self) -> f64 {
+        2.0 * (self.bending_n_m2 / self.axial_n).sqrt()
+    }
+
+    /// Curvature of the section that carries a moment (N m) and an axial force (N).
+    fn curvature_per_m(&self, moment_n_m: f64, axial_n: f64, section: Section) -> f64 {
+        const STEPS: usize = 12;
+        let square_m2 = self.radius_m().powi(2);
+        let stiffness = |curvature_per_m: f64| {
+            self.bending_n_m2 * (1.0 - section.softening * square_m2 * curvature_per_m.powi(2))
+                - 2.0 * section.shift * square_m2 * axial_n
+        };
+        (0..STEPS).fold(moment_n_m / self.bending_n_m2, |curvature_per_m, _| {
+            moment_n_m / stiffness(curvature_per_m)
+        })
     }
 
     /// Tip sag of a level cantilever under its weight, small deflection: q L⁴/(8 E I) + q L²/(2 κ G A).
@@ -97,23 +116,27 @@ pub struct Hanging {
 }
 
 /// The elastica with stretch and shear (Reissner 1972): with the weight q u below a section at the
-/// distance u from the tip, strains along t and n are −q u sin θ/EA and −q u cos θ/κGA, M' = q u x',
-/// θ' = M/EI; shot from the tip so that θ = 0 at the clamp.
+/// distance u from the tip, the axial force is N = −q u sin θ, the strain along n is −q u cos θ/κGA,
+/// M' = q u x', and curvature θ' and strain along t follow from M and N by the section's law of
+/// [`Section`]; shot from the tip so that θ = 0 at the clamp.
 pub fn heavy_elastica(rod: &Rod) -> Hanging {
-    let q = rod.weight_n_m();
+    let (q, section) = (rod.weight_n_m(), Section::bent());
     // (θ, M, x, z), x and z walked from the tip towards the clamp.
     let slope = |u: f64, y: [f64; 4]| {
         let (sin, cos) = y[0].sin_cos();
-        let (along, across) = (1.0 - q * u * sin / rod.axial_n, -q * u * cos / rod.shear_n);
+        let axial_n = -q * u * sin;
+        let curvature_per_m = rod.curvature_per_m(y[1], axial_n, section);
+        let bent = section.shift * (curvature_per_m * rod.radius_m()).powi(2);
+        let (along, across) = (1.0 + axial_n / rod.axial_n + bent, -q * u * cos / rod.shear_n);
         let (dx, dz) = (along * cos - across * sin, along * sin + across * cos);
-        [-y[1] / rod.bending_n_m2, -q * u * dx, dx, dz]
+        [-curvature_per_m, -q * u * dx, dx, dz]
     };
     let shoot = |tip_angle: f64| walk(rod.length_m, [tip_angle, 0.0, 0.0, 0.0], slope, |_, _| ());
     let tip_angle = bisect(-std::f64::consts::FRAC_PI_2, 0.0, |angle| shoot(angle)[0]);
     let y = shoot(tip_angle);
     Hanging {
         tip_m: [y[2], y[3]],
-        clamp_curvature_per_m: y[1] / rod.bending_n_m2,
+        clamp_curvature_per_m: rod.curvature_per_m(y[1], 0.0, section),
     }
 }
 
