@@ -1,6 +1,7 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
 use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
+use crate::words::with_error;
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -210,12 +211,8 @@ impl fmt::Display for RopeReport {
             writeln!(f, "  ν        {:.3} (not identified)", rope.poisson)?;
         }
         for effect in &rope.effects {
-            let (value, se) = (effect.value, effect.se);
-            writeln!(
-                f,
-                "  effect   {}: {} = {value:.4e} ± {se:.1e}",
-                effect.name, effect.parameter
-            )?;
+            let size = with_error(effect.value, effect.se);
+            writeln!(f, "  effect   {}: {} = {size}", effect.name, effect.parameter)?;
         }
         writeln!(f, "  reaches  {}", metres(&rope.reach_m))?;
         for answer in &self.answers {

@@ -29,8 +29,8 @@ mod toml_lines;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod trained;
-
 pub mod verify;
+pub mod words;
 
 /// Name and version of the program, as what it writes names its maker.
 pub const PROGRAM: &str = concat!("offline ", env!("CARGO_PKG_VERSION"));

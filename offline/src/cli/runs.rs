@@ -17,6 +17,7 @@ use offline::pipeline::{
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
 use offline::run_files::{Fnv64, RunFolder, hex, write_whole};
+use offline::words::{with_error, with_unit};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -422,8 +423,9 @@ fn estimate_line(e: &Estimate) -> String {
         "  (not identified by these data)"
     };
     format!(
-        "{} = {:.4e} ± {:.1e} {}{note}",
-        e.name, e.value, e.standard_error, e.unit
+        "{} = {}{note}",
+        e.name,
+        with_unit(&with_error(e.value, e.standard_error), &e.unit)
     )
 }
 

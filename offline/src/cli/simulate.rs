@@ -1,7 +1,7 @@
 //! `offline simulate`: what a rope does, moved as in a demonstration or let go in a swing.
 
 use super::numbers::{finite, within};
-use super::output::print;
+use super::output::{note, print};
 use super::runs::shipped;
 use anyhow::Context;
 use clap::Args;
@@ -149,6 +149,11 @@ fn replace(structure: &mut Structure, values: &mut Vec<f64>, effect: &Effect) {
 /// Simulates and says what the rope did.
 pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     let rope = Rope::of(arguments)?;
+    for effect in &arguments.effect {
+        if let Some(words) = effects::ALL[effect.index].in_words(&effect.values) {
+            note(format_args!("that is {words}"));
+        }
+    }
     let demo = || -> anyhow::Result<Demo> {
         Ok(match &arguments.demo {
             Some(folder) => Demo::load_to_simulate(folder)?,

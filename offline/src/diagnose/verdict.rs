@@ -1,6 +1,8 @@
 //! The verdict on a residual, with the reasons for caution.
 
+use crate::effects;
 use crate::model::Estimate;
+use crate::words::{with_error, with_unit};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -93,12 +95,16 @@ impl fmt::Display for Verdict {
                 for p in parameters {
                     write!(
                         f,
-                        "; {} = {:.4} ± {:.4} {}",
-                        p.name, p.value, p.standard_error, p.unit
+                        "; {} = {}",
+                        p.name,
+                        with_unit(&with_error(p.value, p.standard_error), &p.unit)
                     )?;
                     if !p.identified {
                         f.write_str(" (not identified)")?;
                     }
+                }
+                for words in effects.iter().filter_map(|id| size_in_words(id, parameters)) {
+                    write!(f, "; that is {words}")?;
                 }
                 Ok(())
             }
@@ -123,6 +129,19 @@ impl fmt::Display for Verdict {
     }
 }
 
+/// The size of an effect of the registry, where people call it something else than its parameters.
+fn size_in_words(id: &str, parameters: &[Estimate]) -> Option<String> {
+    let spec = &effects::ALL[effects::find(id)?];
+    let value = |name: &str| {
+        let mut of_effect = parameters
+            .iter()
+            .filter(|p| p.name.split_once('.') == Some((id, name)));
+        of_effect.next().map(|p| p.value)
+    };
+    let values: Option<Vec<f64>> = spec.parameters.iter().map(|p| value(p.name)).collect();
+    spec.in_words(&values?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,7 +161,29 @@ mod tests {
         };
         assert_eq!(
             verdict.to_string(),
-            "explained: tip_mass; told = 0.5000 ± 0.3500 kg; open = 0.5000 ± 0.3500 kg (not identified)"
+            "explained: tip_mass; told = 0.50 ± 0.35 kg; open = 0.50 ± 0.35 kg (not identified)"
         );
+    }
+
+    #[test]
+    fn wind_and_yield_are_said_in_what_people_call_them() {
+        let parameter = |name: &str, value: f64| Estimate {
+            name: name.into(),
+            unit: "1".into(),
+            value,
+            standard_error: 1.0,
+            identified: true,
+        };
+        let verdict = Verdict::Explained {
+            effects: vec!["steady_wind".into(), "yield".into()],
+            parameters: vec![
+                parameter("steady_wind.toward_x_m2_s2", 12.0),
+                parameter("steady_wind.toward_y_m2_s2", -16.0),
+                parameter("yield.one_over_strain", 50.0),
+            ],
+        };
+        let words = verdict.to_string();
+        let expected = "; that is wind of (2.68, -3.58) m/s; that is yield strain of 0.0200";
+        assert!(words.ends_with(expected), "{words}");
     }
 }

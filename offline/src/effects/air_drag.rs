@@ -5,7 +5,7 @@
 //! thousandths for a rope. Its range ends at some times that. It was 5 1/s, which no air does, and the swing of a heavy
 //! cable was braked by it at 3 1/s as well as by the cable's own damping.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::{ForceLaw, ForcePoint};
 use crate::sim::tensor::{Vec3, add, dot, mul, scaled, sub, zero3};
 use crate::sim::{Physics, Real};
@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[
         ParameterSpec {
             name: "normal_coefficient",

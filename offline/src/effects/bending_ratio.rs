@@ -1,7 +1,7 @@
 //! A bending stiffness that does not follow from the axial one: strands that slide on each other bend
 //! more easily than a solid, a stiff sheath makes a rope bend less. Axial stiffness stays E A.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::{BendingLaw, BendingPoint};
 use crate::sim::{Physics, Real};
 
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "ratio",
         unit: "1",

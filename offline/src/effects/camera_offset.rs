@@ -2,7 +2,7 @@
 //! as one. The turn is about where the rope's start was first, by the Cayley map of the rotation
 //! vector (its angle is 2 atan(|r|/2), the vector's length up to |r|³/12).
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ObservationLaw;
 use crate::sim::tensor::{Mat3, Vec3, add, lift3, matvec, rotation_of_rodrigues, sub};
 use crate::sim::{Physics, Real};
@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: true,
     of_the_rig: true,
     only_seen: true,
+    quantity: Quantity::Itself,
     parameters: &[
         shift("shift_x_m", false),
         shift("shift_y_m", true),

@@ -20,7 +20,7 @@
 //! fitted, and a large one kinked the rope until it turned inside out), fewer slices (0.03 to 0.79), slices inside the
 //! grip as well (0.08 to 0.66), whole slices up to l (on 1.5 cells a compliance of 52 was fitted as 70).
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::{BendingLaw, BendingPoint};
 use crate::sim::{Physics, Real};
 
@@ -38,6 +38,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "compliance_rad_per_n_m",
         unit: "rad/(N m)",

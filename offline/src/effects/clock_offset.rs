@@ -1,7 +1,7 @@
 //! Two clocks: the cameras' shows more than the robot's by a constant. What a frame shows at its time t
 //! happened at t − τ on the robot's clock.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ObservationLaw;
 use crate::sim::{Physics, Real};
 
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: true,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "offset_s",
         unit: "s",

@@ -2,7 +2,7 @@
 //! proportion to arc length, so that it rests as a clothoid. With a rest curvature, a cable is bent as freely as a
 //! straight line over arc length allows. Components as for [`super::rest_curvature`].
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ShapeLaw;
 use crate::sim::{Physics, Real};
 
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[
         parameter("toward_side_per_m2", true),
         parameter("toward_up_per_m2", false),

@@ -1,6 +1,6 @@
 //! A rope that is heavier towards one end: its mass per length changes linearly, its mass stays.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::MassLaw;
 use crate::sim::rope::RopeLayout;
 use crate::sim::{Physics, Real};
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "relative_slope",
         unit: "1",

@@ -7,7 +7,7 @@
 //! y and z). Of two clamps it is the first; and only a rope that hangs when a recording begins shows it: one that lies
 //! straight was gripped as it lay.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     // Nobody sees how a soft rope lies between the pads.
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[angle("toward_side_rad", true), angle("toward_up_rad", false)],
 };
 

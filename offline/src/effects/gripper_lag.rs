@@ -2,7 +2,7 @@
 //! y(t) = ∫ p(t − T u) e^(−u) du. The integral is taken by Gauss-Laguerre quadrature, which is
 //! smooth in T down to zero, where solving the differential equation step by step has no slope.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::{PathLaw, Pose};
 use crate::sim::{Physics, Real};
 
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "lag_s",
         unit: "s",

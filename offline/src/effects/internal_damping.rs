@@ -12,7 +12,7 @@
 //! A swing at ω loses tan δ = ω τ of what bends. Insulated cables that swing at 6 to 8 rad/s lose so much that τ is
 //! 50 to 100 ms; the range ends where nothing would swing any more. What is slower than that relaxes (`relaxation.rs`).
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::Maxwell;
 use crate::sim::{Physics, Real};
 
@@ -28,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "retardation_time_s",
         unit: "s",

@@ -57,6 +57,7 @@ mod tip_mass;
 mod yield_strain;
 
 use crate::sim::{Physics, Real};
+use crate::words::significant;
 
 /// A parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,11 +119,42 @@ pub struct EffectSpec {
     pub of_the_rig: bool,
     /// Whether it leaves the rope alone and only changes what cameras report.
     pub only_seen: bool,
+    /// What people would call its size.
+    pub quantity: Quantity,
     /// Parameters.
     pub parameters: &'static [ParameterSpec],
 }
 
+/// What people would call an effect's size, where its parameters are another function of that because they must vanish
+/// where the effect does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// The parameters themselves.
+    Itself,
+    /// Of this name and unit: a vector w of which the parameters are |w| w.
+    Square(&'static str, &'static str),
+    /// Of this name, without unit: one over the parameter.
+    Inverse(&'static str),
+}
+
 impl EffectSpec {
+    /// Its size in what people would call it, if that is not what its parameters are.
+    pub fn in_words(&self, values: &[f64]) -> Option<String> {
+        match self.quantity {
+            Quantity::Itself => None,
+            Quantity::Square(name, unit) => {
+                let root = values.iter().fold(0.0, |norm: f64, q| norm.hypot(*q)).sqrt();
+                let of = |q: &f64| significant(if root > 0.0 { q / root } else { 0.0 });
+                let components: Vec<String> = values.iter().map(of).collect();
+                Some(format!("{name} of ({}) {unit}", components.join(", ")))
+            }
+            Quantity::Inverse(name) => Some(match values[0] {
+                0.0 => format!("no {name}"),
+                inverse => format!("{name} of {}", significant(1.0 / inverse)),
+            }),
+        }
+    }
+
     /// The values of its parameters at which it changes nothing.
     pub fn vanishing(&self) -> impl Iterator<Item = f64> {
         self.parameters.iter().map(|p| p.vanishes_at)

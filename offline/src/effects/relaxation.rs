@@ -6,7 +6,7 @@
 //! Times are fixed, as is usual where a series is fitted, because shares at given times change the stress in proportion. A
 //! time shorter than a tenth of a second is internal damping, one longer than the recording a stiffer rope.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::Maxwell;
 use crate::sim::{Physics, Real};
 
@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[share("share_of_100_ms"), share("share_of_1_s")],
 };
 

@@ -1,7 +1,7 @@
 //! A gripper that opens later than it says. Between two time steps the delay changes nothing, so its
 //! slope is always a secant.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "delay_s",
         unit: "s",

@@ -2,7 +2,7 @@
 //! has a constant curvature. The two components are towards the rope's side and up directions as it
 //! lies at the start (for a rope along x: y and z); they turn with the rope.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ShapeLaw;
 use crate::sim::{Physics, Real};
 
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[
         ParameterSpec {
             name: "toward_side_per_m",

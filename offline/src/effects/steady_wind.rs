@@ -4,7 +4,7 @@
 //! slope. Where the wind is zero that slope depends on the direction, so it is taken as a secant.
 
 use super::air_drag::{AIR_KG_M3, quadratic};
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::{ForceLaw, ForcePoint};
 use crate::sim::tensor::{Vec3, dot, mul, scaled, sub, zero3};
 use crate::sim::{Physics, Real};
@@ -21,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Square("wind", "m/s"),
     parameters: &[
         ParameterSpec {
             name: "toward_x_m2_s2",

@@ -2,7 +2,7 @@
 //! curve beyond the linear one, σ = E ε (1 + c ε²) with ε = λ − 1 the nominal strain of the axis
 //! direction, a fibre energy of the stretch λ = |F e_s| alone.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::elastic::Lame;
 use crate::sim::physics::AxialLaw;
 use crate::sim::{Physics, Real};
@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "coefficient",
         unit: "1",

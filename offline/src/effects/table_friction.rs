@@ -1,6 +1,6 @@
 //! Friction with the table other than declared: the Coulomb coefficient becomes μ + Δμ.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -12,6 +12,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "coefficient_change",
         unit: "1",

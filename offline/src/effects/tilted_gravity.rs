@@ -1,7 +1,7 @@
 //! A frame that is not level: gravity turned by an angle about y (it then has an x component) and
 //! by an angle about x (a y component).
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::tensor::dot;
 use crate::sim::{Physics, Real};
 
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: true,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[
         ParameterSpec {
             name: "toward_x_rad",

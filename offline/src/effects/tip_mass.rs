@@ -1,7 +1,7 @@
 //! A mass at the free end (s = length): a knot, tape, a ferrule, a weight. It sits in the
 //! last slice of the rope; it has weight and inertia but no size and no stiffness.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::MassLaw;
 use crate::sim::rope::RopeLayout;
 use crate::sim::{Physics, Real};
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Itself,
     parameters: &[ParameterSpec {
         name: "mass_kg",
         unit: "kg",

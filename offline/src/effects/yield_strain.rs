@@ -7,7 +7,7 @@
 //! X = (C − I)(C + I)⁻¹, which needs no eigenvectors. The factor that takes the excess away commutes
 //! with C: F ← F exp(−Δ), Δ = (1 − ε_y/ε_eq) dev H.
 
-use super::{EffectSpec, ParameterSpec, Slope};
+use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::FlowLaw;
 use crate::sim::real::Float;
 use crate::sim::tensor::{Mat3, dot, identity, matadd, transpose, transpose_inverse};
@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
+    quantity: Quantity::Inverse("yield strain"),
     parameters: &[ParameterSpec {
         name: "one_over_strain",
         unit: "1",

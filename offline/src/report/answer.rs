@@ -1,13 +1,14 @@
 //! The answer first: verdict, error before and after, parameters, reasons for caution.
 
 use super::ReportInput;
-use super::page::{parameter_title, significant, unit, with_error};
+use super::page::parameter_title;
 use crate::demo::RopeSpec;
 use crate::diagnose::Verdict;
 use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::paper_units::young_paper;
 use crate::residual::ResidualSummary;
+use crate::words::{significant, unit, with_error};
 use maud::{Markup, html};
 use std::f64::consts::FRAC_PI_4;
 

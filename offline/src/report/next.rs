@@ -1,8 +1,9 @@
 //! What to do next: the motions that were considered with what each would tell, and how far each effect
 //! could move the swing at the size that the data still allow.
 
-use super::page::{effect_title, parameter_title, sentence, significant, unit};
+use super::page::{effect_title, parameter_title, sentence};
 use crate::diagnose::{Advice, MotionProspect, NextDemonstration, Question, SwingRisk, SwingRisks, Unseen};
+use crate::words::{significant, unit};
 use maud::{Markup, html};
 
 pub(super) fn section(advice: &Advice) -> Markup {

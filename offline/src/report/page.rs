@@ -85,42 +85,11 @@ pub(super) fn dot(colour: Colour, text: &str) -> Markup {
     html! { span.dot style=(format!("background:{}", hex(colour))) {} (text) }
 }
 
-/// Value ± standard error, both rounded to two significant digits of the error.
-pub(super) fn with_error(value: f64, error: f64) -> String {
-    if !error.is_finite() || error <= 0.0 {
-        return format!("{} ± unknown", significant(value));
-    }
-    let digits = (1.0 - error.log10().floor()).clamp(0.0, 9.0) as usize;
-    let value = format!("{value:.digits$}");
-    // Nothing has no sign.
-    let nothing = value.chars().all(|c| "-0.".contains(c));
-    let value = if nothing {
-        value.trim_start_matches('-')
-    } else {
-        &value
-    };
-    format!("{value} ± {error:.digits$}")
-}
-
 /// Words as a sentence of its own.
 pub(super) fn sentence(words: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().map(|c| c.to_uppercase().to_string());
     format!("{}{}.", first.unwrap_or_default(), letters.as_str())
-}
-
-/// A number with three significant digits.
-pub(super) fn significant(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
-    format!("{value:.digits$}")
-}
-
-/// A unit for people: nothing for a pure number.
-pub(super) fn unit(unit: &str) -> &str {
-    if unit == "1" { "" } else { unit }
 }
 
 /// An effect's name for people.

@@ -1,8 +1,9 @@
 //! How the effects of the library ranked in each round, what the refits said, what was ruled out.
 
-use super::page::{effect_title, significant, unit, with_error, without_unit};
+use super::page::{effect_title, without_unit};
 use crate::diagnose::{Refit, Round, Score, Untested};
 use crate::effects::{self, ParameterSpec};
+use crate::words::{significant, unit, with_error};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 use std::slice::from_ref;

@@ -1,7 +1,7 @@
 //! `tables.md`: the figures of a run as tables of plain text.
 
 use super::answer::{density_kg_m3, in_paper_units, interval};
-use super::page::{effect_title, parameter_title, unit, with_error};
+use super::page::{effect_title, parameter_title};
 use super::ranking::{outcome, refit};
 use crate::demo::Demo;
 use crate::diagnose::{Outcome, Round};
@@ -9,6 +9,7 @@ use crate::evaluate::Evaluation;
 use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
+use crate::words::{unit, with_error};
 use std::fmt::Write as _;
 
 /// The tables of a run; those of the policy where one was evaluated.

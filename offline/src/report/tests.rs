@@ -461,12 +461,7 @@ fn clouds_are_thinned_evenly_and_frames_hold_the_ends() {
 }
 
 #[test]
-fn numbers_show_the_digits_that_their_error_allows() {
-    assert_eq!(page::with_error(0.73146, 0.0042), "0.7315 ± 0.0042");
-    assert_eq!(page::with_error(731.46, 42.0), "731 ± 42");
-    assert_eq!(page::with_error(0.73146, f64::INFINITY), "0.731 ± unknown");
-    assert_eq!(page::with_error(-0.00001, 0.0021), "0.0000 ± 0.0021");
-    assert_eq!(page::with_error(-0.0062, 0.0021), "-0.0062 ± 0.0021");
+fn parameters_have_titles_for_people() {
     assert_eq!(
         page::parameter_title("curvature_gradient.toward_up_per_m2"),
         "curvature gradient: toward up"

@@ -314,6 +314,36 @@ mod tests {
         assert!(much.reaches_m.iter().all(|reach| (0.25..0.45).contains(reach)));
     }
 
+    /// Another parameter of the same effect may be the one that matters most.
+    #[test]
+    fn what_would_not_have_been_seen_matters_where_it_can_move_the_reach() {
+        let risk = |id: &str, index: usize, mm: Option<f64>| SwingRisk {
+            allowed: allowed(id, index, 0.01),
+            slope_mm_per_unit: None,
+            at_most_mm: mm,
+        };
+        let found = |risks: Vec<SwingRisk>, unseen: &str| SwingRisks {
+            risks,
+            unseen: vec![Unseen {
+                name: unseen.into(),
+                unit: "1".into(),
+                size: 0.1,
+                power: 0.3,
+            }],
+            ..SwingRisks::missing(String::new())
+        };
+        let small = risk("air_drag", 0, Some(SMALL_MM));
+        let large = risk("air_drag", 1, Some(1.5 * SMALL_MM));
+        let of_drag = format!(
+            "air_drag.{}",
+            effects::ALL[effects::find("air_drag").unwrap()].parameters[0].name
+        );
+        assert!(!found(vec![small.clone()], &of_drag).matter_unseen());
+        assert!(found(vec![small, large.clone()], &of_drag).matter_unseen());
+        assert!(!found(vec![large], "tip_mass.mass_kg").matter_unseen());
+        assert!(!found(vec![risk("air_drag", 0, None)], &of_drag).matter_unseen());
+    }
+
     #[test]
     fn a_rope_that_cannot_make_the_swing_has_no_list_but_a_reason() {
         let short = RopeShape::of_density(0.1, 0.014, 1000.0);
