@@ -246,7 +246,7 @@ mod tests {
         for part in [
             "rope `red`",
             "not identified",
-            "air drag: normal = 1.1000e0",
+            "air drag: normal = 1.10 ± 0.20",
             "3-256-128-32-2",
             "0.280 to 0.420 m",
         ] {
