@@ -150,8 +150,9 @@ fn replace(structure: &mut Structure, values: &mut Vec<f64>, effect: &Effect) {
 pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     let rope = Rope::of(arguments)?;
     for effect in &arguments.effect {
-        if let Some(words) = effects::ALL[effect.index].in_words(&effect.values) {
-            note(format_args!("that is {words}"));
+        let spec = &effects::ALL[effect.index];
+        if let Some(words) = spec.in_words(&effect.values) {
+            note(format_args!("{}: {words}", spec.id));
         }
     }
     let demo = || -> anyhow::Result<Demo> {

@@ -183,7 +183,7 @@ mod tests {
             ],
         };
         let words = verdict.to_string();
-        let expected = "; that is wind of (2.68, -3.58) m/s; that is yield strain of 0.0200";
+        let expected = "; that is a wind of (2.68, -3.58) m/s; that is a yield strain of 0.0200";
         assert!(words.ends_with(expected), "{words}");
     }
 }

@@ -148,10 +148,9 @@ impl EffectSpec {
                 let components: Vec<String> = values.iter().map(of).collect();
                 Some(format!("{name} of ({}) {unit}", components.join(", ")))
             }
-            Quantity::Inverse(name) => Some(match values[0] {
-                0.0 => format!("no {name}"),
-                inverse => format!("{name} of {}", significant(1.0 / inverse)),
-            }),
+            Quantity::Inverse(name) => {
+                (values[0] != 0.0).then(|| format!("{name} of {}", significant(1.0 / values[0])))
+            }
         }
     }
 

@@ -21,7 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
-    quantity: Quantity::Square("wind", "m/s"),
+    quantity: Quantity::Square("a wind", "m/s"),
     parameters: &[
         ParameterSpec {
             name: "toward_x_m2_s2",

@@ -22,7 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     nuisance: false,
     of_the_rig: false,
     only_seen: false,
-    quantity: Quantity::Inverse("yield strain"),
+    quantity: Quantity::Inverse("a yield strain"),
     parameters: &[ParameterSpec {
         name: "one_over_strain",
         unit: "1",

@@ -118,7 +118,7 @@ pub struct Hanging {
 /// The elastica with stretch and shear (Reissner 1972): with the weight q u below a section at the
 /// distance u from the tip, the axial force is N = −q u sin θ, the strain along n is −q u cos θ/κGA,
 /// M' = q u x', and curvature θ' and strain along t follow from M and N by the section's law of
-/// [`Section`]; shot from the tip so that θ = 0 at the clamp.
+/// `Section`; shot from the tip so that θ = 0 at the clamp.
 pub fn heavy_elastica(rod: &Rod) -> Hanging {
     let (q, section) = (rod.weight_n_m(), Section::bent());
     // (θ, M, x, z), x and z walked from the tip towards the clamp.
