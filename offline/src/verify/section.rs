@@ -5,7 +5,7 @@ use super::setup::POISSON;
 use crate::sim::elastic::{Lame, piola_stress};
 use nalgebra::{SMatrix, SVector};
 
-/// Second-order moduli of a round section of radius r, of what a rod's bending and stretching are linear in:
+/// What a round section of radius r adds, in second order of curvature, to a rod's linear law:
 /// M = EI κ (1 − `softening` (κ r)²) − 2 `shift` r² κ N, and the axis stretches by N/EA + `shift` (κ r)².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Section {
