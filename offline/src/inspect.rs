@@ -1,7 +1,7 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
 use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
-use crate::words::with_error;
+use crate::words::{significant, with_error};
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -199,16 +199,12 @@ impl fmt::Display for RopeReport {
             rope.name,
             1e3 * rope.mass_kg
         )?;
-        writeln!(
-            f,
-            "  E        {:.4} ± {:.4} MPa",
-            1e-6 * rope.young_pa,
-            1e-6 * rope.young_se_pa
-        )?;
+        let young = with_error(1e-6 * rope.young_pa, 1e-6 * rope.young_se_pa);
+        writeln!(f, "  E        {young} MPa")?;
         if rope.poisson_identified {
-            writeln!(f, "  ν        {:.3} ± {:.3}", rope.poisson, rope.poisson_se)?;
+            writeln!(f, "  ν        {}", with_error(rope.poisson, rope.poisson_se))?;
         } else {
-            writeln!(f, "  ν        {:.3} (not identified)", rope.poisson)?;
+            writeln!(f, "  ν        {} (not identified)", significant(rope.poisson))?;
         }
         for effect in &rope.effects {
             let size = with_error(effect.value, effect.se);

@@ -411,7 +411,7 @@ impl<'a> Problem<'a> {
         let scene = &self.scenes[demo];
         let mut physics = self.physics(demo, structure, theta);
         physics.force_field = force_field;
-        simulate_hung(scene, &physics, || self.hung(demo, structure, theta)).map_err(stopped)
+        simulate_hung(scene, &physics, &|| self.hung(demo, structure, theta)).map_err(stopped)
     }
 
     /// How the rope of a demonstration that goes on in time hangs at its start, found in double precision.

@@ -3,7 +3,7 @@
 
 use super::page::{effect_title, parameter_title, sentence};
 use crate::diagnose::{Advice, MotionProspect, NextDemonstration, Question, SwingRisk, SwingRisks, Unseen};
-use crate::words::{significant, unit};
+use crate::words::{significant, unit, with_unit};
 use maud::{Markup, html};
 
 pub(super) fn section(advice: &Advice) -> Markup {
@@ -45,7 +45,7 @@ fn question(question: &Question) -> Markup {
             Question::Narrow { parameter, unit: of, half_width, swing_mm } => {
                 p {
                     "These data leave open the " (parameter_title(parameter)) ": its 90 % interval is ± "
-                    (significant(*half_width)) " " (unit(of)) ", which is worth ± "
+                    (with_unit(&significant(*half_width), of)) ", which is worth ± "
                     (format!("{swing_mm:.1}")) " mm of the swing’s reach."
                 }
             },
@@ -81,7 +81,7 @@ fn figures(motion: &MotionProspect, question: &Question) -> Markup {
                 td.n { (number(motion.power, &|p| format!("{:.0} %", 100.0 * p))) }
             },
             Question::Narrow { unit: of, .. } => {
-                td.n { (number(motion.half_width, &|w| format!("± {} {}", significant(w), unit(of)))) }
+                td.n { (number(motion.half_width, &|w| format!("± {}", with_unit(&significant(w), of)))) }
                 td.n { (number(motion.swing_mm, &|mm| format!("± {mm:.1} mm"))) }
             },
         }
@@ -151,8 +151,7 @@ fn unseen(unseen: &[Unseen]) -> Markup {
             ul {
                 @for one in unseen {
                     li {
-                        b { (parameter_title(&one.name)) } " of " (significant(one.size))
-                        @if !unit(&one.unit).is_empty() { " " (unit(&one.unit)) }
+                        b { (parameter_title(&one.name)) } " of " (with_unit(&significant(one.size), &one.unit))
                         (format!(": {:.0} %", 100.0 * one.power))
                     }
                 }

@@ -52,7 +52,7 @@ pub struct Rollout<T> {
 pub fn simulate<T: Laned>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     match scene.start {
         Start::Poses(_) => poses(scene, physics),
-        _ => simulate_hung(scene, physics, || Hung::of(scene, physics)),
+        _ => simulate_hung(scene, physics, &|| Hung::of(scene, physics)),
     }
 }
 
@@ -84,7 +84,7 @@ pub fn poses<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>,
 pub fn simulate_hung<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
+    hung: &dyn Fn() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     #[cfg(target_arch = "x86_64")]
     {
@@ -108,7 +108,7 @@ pub fn simulate_hung<T: Laned>(
 pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Result<Rollout<T>, SimError> {
     match scene.start {
         Start::Poses(_) => poses(scene, physics),
-        _ => run::<T, OneByOne<T>>(scene, physics, || Hung::of(scene, physics)),
+        _ => run::<T, OneByOne<T>>(scene, physics, &|| Hung::of(scene, physics)),
     }
 }
 
@@ -117,7 +117,7 @@ pub fn simulate_one_by_one<T: Real>(scene: &Scene, physics: &Physics<T>) -> Resu
 unsafe fn run_avx512<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
+    hung: &dyn Fn() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     run::<T, Sweep<T, Avx512>>(scene, physics, hung)
 }
@@ -127,7 +127,7 @@ unsafe fn run_avx512<T: Laned>(
 unsafe fn run_avx2<T: Laned>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
+    hung: &dyn Fn() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     run::<T, Sweep<T, Avx2>>(scene, physics, hung)
 }
@@ -136,7 +136,7 @@ unsafe fn run_avx2<T: Laned>(
 fn run<T: Real, E: Engine<T>>(
     scene: &Scene,
     physics: &Physics<T>,
-    hung: impl FnOnce() -> Result<Option<Hung<T>>, SimError>,
+    hung: &dyn Fn() -> Result<Option<Hung<T>>, SimError>,
 ) -> Result<Rollout<T>, SimError> {
     assert!(!matches!(scene.start, Start::Poses(_)), "the scene has no time");
     let setup = Setup::new(scene, physics)?;
