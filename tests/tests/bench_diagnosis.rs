@@ -4,7 +4,7 @@
 use offline::bench_diagnosis::cells::{Cell, Extent, matrix};
 use offline::bench_diagnosis::reality::Reality;
 use offline::bench_diagnosis::run::{Answer, Said, file, run};
-use offline::bench_diagnosis::{counted, table, truth};
+use offline::bench_diagnosis::{chosen, counted, table, truth};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -29,6 +29,23 @@ fn without_time(answer: &Answer) -> Answer {
         wall_s: 0.0,
         ..answer.clone()
     }
+}
+
+#[test]
+fn a_whole_name_chooses_its_cell_alone_and_a_part_all_that_contain_it() {
+    let extent = Extent {
+        quick: true,
+        seeds: 1,
+        first_seed: 15,
+    };
+    let names = |only: &str| {
+        let cells = chosen(matrix(&Rod.repertoire(), &extent), &[only.to_owned()]);
+        cells.iter().map(Cell::name).collect::<Vec<_>>()
+    };
+    let whole = "g3-tip_mass-5f-1mm-s15";
+    assert_eq!(names(whole), [whole]);
+    let part = names("g3-tip_mass-5f");
+    assert!(part.len() > 1 && part.contains(&whole.to_owned()), "{part:?}");
 }
 
 #[test]

@@ -74,9 +74,14 @@ pub fn play(
     Ok(write_whole(&file, &serde_json::to_vec_pretty(&plays)?)?)
 }
 
-/// The cells whose name contains one of `only`, all where it is empty.
+/// The cells whose name contains one of `only`, all where it is empty; what is a cell's whole name chooses that cell alone.
 pub fn chosen(mut cells: Vec<Cell>, only: &[String]) -> Vec<Cell> {
-    cells.retain(|cell| only.is_empty() || only.iter().any(|part| cell.name().contains(part)));
+    let names: Vec<String> = cells.iter().map(Cell::name).collect();
+    let fits = |name: &str, part: &String| match names.contains(part) {
+        true => name == part,
+        false => name.contains(part),
+    };
+    cells.retain(|cell| only.is_empty() || only.iter().any(|part| fits(&cell.name(), part)));
     cells
 }
 

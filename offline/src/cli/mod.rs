@@ -196,7 +196,7 @@ struct BenchDiagnosisArguments {
     #[arg(long, value_name = "SEED", default_value_t = 1,
         value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     first_seed: u64,
-    /// Only cells whose name contains one of these.
+    /// Only cells whose name contains one of these; a whole name is that cell alone.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
     only: Vec<String>,
     /// Print the cells' names and stop.

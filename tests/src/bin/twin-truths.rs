@@ -20,7 +20,7 @@ struct Arguments {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     first_seed: u64,
-    /// Only what cells need whose name contains one of these.
+    /// Only what cells need whose name contains one of these; a whole name is that cell alone.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
     only: Vec<String>,
     /// Folder of the benchmark.
