@@ -3,13 +3,13 @@
 use crate::contact::Table;
 use crate::effects::{Piece, WorldEffects};
 use crate::motion::ClampPath;
-use crate::rod::{Rod, RodSpec};
+use crate::rod::{BentSection, Rod, RodSpec};
 use nalgebra::Vector3;
 use offline::demo::{RopeEnd, RopeSpec};
 
 /// Largest time step, s.
 const STEP_S: f64 = 1e-5;
-/// Poisson's ratio of every rope.
+/// Poisson's ratio of every rope, that of [`BentSection::SOLID`].
 const POISSON: f64 = 0.3;
 /// Arc lengths closer than this are equal, m.
 const SAME_M: f64 = 1e-9;
@@ -213,6 +213,7 @@ impl World {
     fn stiffen_at_grips(&mut self) {
         self.rod.bending.copy_from_slice(&self.free_bending);
         self.rod.bend_m.fill(self.rod.rest_m);
+        self.rod.bend_share.fill(1.0);
         for grip in self.grips.iter().filter(|grip| grip.closed) {
             let inmost = match grip.motion.end {
                 RopeEnd::Start => grip.nodes.last(),
@@ -220,7 +221,9 @@ impl World {
             };
             if let Some((node, _)) = inmost {
                 let stiffness = 2.0 * self.rod.bending[*node];
-                self.rod.bending[*node] = stiffness / (1.0 + self.effects.clamp_compliance * stiffness);
+                let share = 1.0 / (1.0 + self.effects.clamp_compliance * stiffness);
+                self.rod.bending[*node] = stiffness * share;
+                self.rod.bend_share[*node] = share;
                 self.rod.bend_m[*node] = 0.5 * self.rod.rest_m;
             }
         }
@@ -267,6 +270,7 @@ fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
         mass_kg: rope.mass_kg,
         young_pa: material.young_pa,
         poisson: POISSON,
+        section: BentSection::SOLID,
         segments: material.segments,
         // A tenth of an axial wave's way along the rope: enough that it does not ring.
         axial_retardation_s: 0.1 * rope.length_m / wave_speed,

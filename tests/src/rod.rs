@@ -22,12 +22,35 @@ pub struct RodSpec {
     pub young_pa: f64,
     /// Poisson's ratio: of it are the shear modulus and the share of the section that carries shear.
     pub poisson: f64,
+    /// What a bent section does besides.
+    pub section: BentSection,
     /// Number of equal segments.
     pub segments: usize,
     /// Retardation time of stretching and shear (Kelvin-Voigt), s: keeps stiff waves from ringing.
     pub axial_retardation_s: f64,
     /// Retardation time of bending (Kelvin-Voigt), s.
     pub bending_retardation_s: f64,
+}
+
+/// What a solid round section of radius r adds to Euler's law in second order of curvature κ, its bent fibres squeezing
+/// it (Brazier 1927): M = EI κ (1 − `softening` (κr)²) − 2 `lengthening` r² κ N, and the axis stretches by
+/// N/EA + `lengthening` (κr)². The moment is written as EI κ/(1 + `softening` (κr)²), the same in this order, which a sharp
+/// bend leaves stable. Per length the energy is EA/2 (ε − `lengthening` (κr)²)² + EI ln(1 + p κ²)/2p with p = `softening` r².
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BentSection {
+    /// Share of the moment that is missing, over (κr)².
+    pub softening: f64,
+    /// Stretch of the axis without axial force, over (κr)².
+    pub lengthening: f64,
+}
+
+impl BentSection {
+    /// Of fixed-corotated material with Poisson's ratio 0.3: the least energy of a section in pure bending, its
+    /// displacements polynomials of the fifth degree (a minimisation with SciPy, which no program here takes part in).
+    pub const SOLID: Self = Self {
+        softening: 0.515,
+        lengthening: 0.163,
+    };
 }
 
 /// Positions, velocities and forces of the chain's nodes.
@@ -51,6 +74,8 @@ pub struct Rod {
     pub bending: Vec<f64>,
     /// Length of rope whose bend each node stands for, m.
     pub bend_m: Vec<f64>,
+    /// Share of each node's bend that is the rope's own: less than one where a clamp that gives takes the rest.
+    pub bend_share: Vec<f64>,
     /// Natural curvature about the sides at each node, 1/m: of a rod along x, upwards.
     pub natural_per_m: Vec<f64>,
     /// Coefficient c of the stress E ε (1 + c ε²).
@@ -63,6 +88,10 @@ pub struct Rod {
     pub axial: f64,
     /// Shear stiffness κ G A, N, with Cowper's κ = 6 (1 + ν)/(7 + 6 ν) of a disc (1966).
     pub shear: f64,
+    /// See [`BentSection`].
+    pub section: BentSection,
+    /// Square of the section's radius, m².
+    pub square_radius_m2: f64,
     /// Rotary inertia of a segment about a diameter of its section, kg m²; about its axis it is twice that.
     pub inertia: f64,
     /// Stiffness against twist between two segments, G 2I over their distance, N m.
@@ -74,6 +103,8 @@ pub struct Rod {
     /// See [`RodSpec::bending_retardation_s`].
     pub bending_retardation_s: f64,
     torques: Vec<Vector3<f64>>,
+    /// Elastic tension of each segment, N.
+    tensions: Vec<f64>,
 }
 
 impl Rod {
@@ -102,6 +133,7 @@ impl Rod {
             share_m,
             bending: (0..=n).map(|i| if inner(i) { bend } else { 0.0 }).collect(),
             bend_m: vec![rest_m; n + 1],
+            bend_share: vec![1.0; n + 1],
             natural_per_m: vec![0.0; n + 1],
             stiffening: 0.0,
             // ∫ y⁴ dA = π R⁶/8 over a disc.
@@ -110,12 +142,15 @@ impl Rod {
             axial: spec.young_pa * area,
             // κ G A with G = E/(2 (1 + ν)).
             shear: 3.0 / (7.0 + 6.0 * spec.poisson) * spec.young_pa * area,
+            section: spec.section,
+            square_radius_m2: 0.25 * spec.diameter_m.powi(2),
             inertia: spec.mass_kg / area * second_moment / n as f64,
             axial_retardation_s: spec.axial_retardation_s,
             bending_retardation_s: spec.bending_retardation_s,
             twist: bend / (1.0 + spec.poisson),
             side,
             torques: vec![Vector3::zeros(); n],
+            tensions: vec![0.0; n],
         }
     }
 
@@ -155,16 +190,46 @@ impl Rod {
         self.turning[segment] = Vector3::zeros();
     }
 
-    /// A segment's strains: along its director, and across it.
+    /// A segment's strains: along its director, less what its bend lengthens it by, and across it.
     fn strains(&self, segment: usize) -> (f64, Vector3<f64>) {
         let along = (self.x[segment + 1] - self.x[segment]) / self.rest_m;
         let director = &self.directors[segment];
         let stretch = along.dot(director);
-        (stretch - 1.0, along - director * stretch)
+        let longer = [segment, segment + 1].map(|node| self.square_bend(node) * self.lengthening(node));
+        (
+            stretch - 1.0 - 0.5 * (longer[0] + longer[1]) / self.rest_m,
+            along - director * stretch,
+        )
+    }
+
+    /// |κb|² of a node, as in `add_bending`; the ends have none.
+    fn square_bend(&self, node: usize) -> f64 {
+        if node == 0 || node == self.directors.len() {
+            return 0.0;
+        }
+        let c = self.directors[node - 1].dot(&self.directors[node]);
+        4.0 * (1.0 - c) / (1.0 + c)
+    }
+
+    /// Factor q of the energy q/4 |κb|⁴ that a stiffening stress adds at a node, N m.
+    fn quartic(&self, node: usize) -> f64 {
+        self.stiffening * self.fourth_n_m4 / self.bend_m[node].powi(3)
+    }
+
+    /// p κ² of a node for the p of [`BentSection`]. In series with a clamp that gives, the rope's moment falls behind with
+    /// the third power of its share of the bend.
+    fn squeezed(&self, node: usize) -> f64 {
+        let square_per_m2 = self.square_bend(node) / self.bend_m[node].powi(2);
+        self.section.softening * self.square_radius_m2 * square_per_m2 * self.bend_share[node].powi(3)
+    }
+
+    /// By how much a node's bend lengthens the axis, m, over its |κb|².
+    fn lengthening(&self, node: usize) -> f64 {
+        self.section.lengthening * self.square_radius_m2 * self.bend_share[node].powi(2) / self.bend_m[node]
     }
 
     /// Kelvin-Voigt stretching and shear: the segment e pulls with n = EA (ε + τ ε') d + κGA (γ + τ γ') and turns its
-    /// director with e × n, strains as in `strains` and their rates as the director sees them.
+    /// director with e × n, strains as in `strains` and the rates of e as the director sees them.
     fn add_stretching(&mut self, force: &mut [Vector3<f64>]) {
         for j in 0..self.directors.len() {
             let (strain, across) = self.strains(j);
@@ -173,8 +238,8 @@ impl Rod {
             let seen = (self.v[j + 1] - self.v[j] - self.turning[j].cross(&along)) / self.rest_m;
             let strain_rate = seen.dot(&director);
             let late = self.axial_retardation_s;
-            let pull = director
-                * (self.axial * (strain + self.stiffening * strain.powi(3) + late * strain_rate))
+            self.tensions[j] = self.axial * (strain + self.stiffening * strain.powi(3));
+            let pull = director * (self.tensions[j] + self.axial * late * strain_rate)
                 + (across + (seen - director * strain_rate) * late) * self.shear;
             force[j] += pull;
             force[j + 1] -= pull;
@@ -185,8 +250,9 @@ impl Rod {
     /// Bending and twist, with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2), of neighbouring
     /// directors.
     ///
-    /// With c = cos θ between them the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so dE/dc = −4B/(1 + c)². A stiffening
-    /// stress adds the moment c E ∫y⁴dA κ³, a natural curvature the energy −B κb·k with k along the mean of the sides.
+    /// With c = cos θ between them the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so dE/dc = −4B/(1 + c)². A squeezed
+    /// section takes from B, stiffening stress adds to it, and the tension of a lengthening bend changes it; a natural
+    /// curvature adds the energy −B κb·k with k along the mean of the sides.
     /// The twist φ has the energy C (1 − cos φ), (1 + c) cos φ being the sum of the products of both vectors across the
     /// directors. The viscous part resists the difference of the neighbours' angular velocities with the torque B τ Δω.
     fn add_bending(&mut self) {
@@ -194,9 +260,9 @@ impl Rod {
             let [near, far] = [self.directors[i - 1], self.directors[i]];
             let stiffness = self.bending[i];
             let c = near.dot(&far);
-            let square = 4.0 * (1.0 - c) / (1.0 + c);
-            let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
-            let slope = 4.0 * (stiffness + quartic * square) / (1.0 + c).powi(2);
+            let pulled = self.lengthening(i) * (self.tensions[i - 1] + self.tensions[i]);
+            let round = stiffness / (1.0 + self.squeezed(i));
+            let slope = 4.0 * (round + self.quartic(i) * self.square_bend(i) - pulled) / (1.0 + c).powi(2);
             let elastic = near.cross(&far) * slope;
             let rates = self.turning[i] - self.turning[i - 1];
             let viscous = rates * (stiffness * self.bending_retardation_s);
@@ -253,15 +319,21 @@ impl Rod {
         for i in 1..self.directors.len() {
             let [t0, t1] = [&self.directors[i - 1], &self.directors[i]];
             let c = t0.dot(t1);
-            let square = 4.0 * (1.0 - c) / (1.0 + c);
+            let square = self.square_bend(i);
             let natural = self.natural_per_m[i] * self.bend_m[i];
             let [own, other] = [&self.sides[i - 1], &self.sides[i]];
             let about_side = t0.cross(t1).dot(&(own + other)) / (1.0 + c);
             let aligned = own.dot(other) + t0.cross(own).dot(&t1.cross(other));
             energy += self.twist * (1.0 - aligned / (1.0 + c));
-            let quartic = self.stiffening * self.fourth_n_m4 / self.bend_m[i].powi(3);
-            energy += self.bending[i] * (0.5 * (square + natural * natural) - natural * about_side)
-                + 0.25 * quartic * square * square;
+            let squeezed = self.squeezed(i);
+            let squeezed = if squeezed > 0.0 {
+                squeezed.ln_1p() / squeezed
+            } else {
+                1.0
+            };
+            energy += self.bending[i]
+                * (0.5 * (square * squeezed + natural * natural) - natural * about_side)
+                + 0.25 * self.quartic(i) * square * square;
         }
         energy
     }

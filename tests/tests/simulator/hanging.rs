@@ -125,7 +125,7 @@ fn physics<T: Real>(ln_young: T) -> Physics<T> {
 /// What single precision makes of a rope whose first shape was found in double.
 fn in_single<T: Laned>(scene: &Scene, ln_young: T, double: T::Double) -> Rollout<T> {
     let hung = Hung::of(scene, &physics(double)).unwrap().expect("it hangs");
-    simulate_hung(scene, &physics(ln_young), || Ok(Some(hung.in_numbers_of()))).unwrap()
+    simulate_hung(scene, &physics(ln_young), &|| Ok(Some(hung.in_numbers_of()))).unwrap()
 }
 
 /// 0.1 mm is a tenth of what cameras see at best; the rope moves by 200 mm, its slope by E is 20 mm per unit of ln E.
