@@ -385,7 +385,7 @@ mod tests {
     fn slopes_have_the_same_bits_on_any_number_of_threads() {
         let demo = crate::demo::Demo::load("demos/sample-rope/fit").unwrap();
         // The clamp moves, the rope slides on the table: more of it would tell no more.
-        let demo = demo.cut(0.0, 0.9, demo.spec.start.clone()).unwrap();
+        let demo = demo.cut(0.0, 0.9, demo.spec.start).unwrap();
         let problem = Problem::new(&[&demo], crate::fit::Resolution { cells: 1.5 }).unwrap();
         let ids = [
             "tip_mass",
