@@ -37,8 +37,8 @@ pub struct Material {
     /// Number of segments. A lift with 25 is within 0.5 mm of one with 50, and many times faster
     /// where a damping effect shortens the time step.
     pub segments: usize,
-    /// Retardation time of bending, s: small, it only quiets the shortest waves.
-    pub bending_retardation_s: f64,
+    /// Retardation time, s: small, it only quiets the shortest waves.
+    pub retardation_s: f64,
 }
 
 /// A rod between clamps above a table.
@@ -261,9 +261,6 @@ impl Grip {
 
 fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
     let rope = &material.rope;
-    let area = std::f64::consts::FRAC_PI_4 * rope.diameter_m * rope.diameter_m;
-    let density = rope.mass_kg / (area * rope.length_m);
-    let wave_speed = (material.young_pa / density).sqrt();
     RodSpec {
         length_m: rope.length_m,
         diameter_m: rope.diameter_m,
@@ -272,9 +269,7 @@ fn rod_spec(material: &Material, effects: &WorldEffects) -> RodSpec {
         poisson: POISSON,
         section: BentSection::SOLID,
         segments: material.segments,
-        // A tenth of an axial wave's way along the rope: enough that it does not ring.
-        axial_retardation_s: 0.1 * rope.length_m / wave_speed,
-        bending_retardation_s: material.bending_retardation_s + effects.damping_s,
+        retardation_s: material.retardation_s + effects.damping_s,
     }
 }
 

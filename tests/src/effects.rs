@@ -21,7 +21,7 @@ pub struct WorldEffects {
     pub drag_linear_per_s: f64,
     /// Steady wind, seen by the drag terms, m/s.
     pub wind_m_s: [f64; 3],
-    /// Retardation time of bending (Kelvin-Voigt), s.
+    /// Retardation time of the material (Kelvin-Voigt), s.
     pub damping_s: f64,
     /// What is added to the table's declared friction coefficient.
     pub friction_change: f64,

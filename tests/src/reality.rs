@@ -14,8 +14,8 @@ use offline::demo::RopeEnd;
 pub struct Rod;
 
 const SEGMENTS: usize = 50;
-/// Retardation time of bending, s: small, it only quiets the shortest waves.
-const BENDING_RETARDATION_S: f64 = 1e-4;
+/// Retardation time of the rope, s: small, it only quiets the shortest waves.
+const RETARDATION_S: f64 = 1e-4;
 /// Middle of the motions, where a jet blows, m.
 const JET_M: [f64; 3] = [0.08, 0.0, 0.15];
 
@@ -160,7 +160,7 @@ fn track(young_pa: f64, parts: &[Part], motion: &Motion) -> Track {
         rope: rope(),
         young_pa,
         segments: SEGMENTS,
-        bending_retardation_s: BENDING_RETARDATION_S,
+        retardation_s: RETARDATION_S,
     };
     let table = Table {
         height_m: 0.0,

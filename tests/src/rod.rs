@@ -26,10 +26,8 @@ pub struct RodSpec {
     pub section: BentSection,
     /// Number of equal segments.
     pub segments: usize,
-    /// Retardation time of stretching and shear (Kelvin-Voigt), s: keeps stiff waves from ringing.
-    pub axial_retardation_s: f64,
-    /// Retardation time of bending (Kelvin-Voigt), s.
-    pub bending_retardation_s: f64,
+    /// Retardation time of its material (Kelvin-Voigt), s: of stretch, shear, bend and twist alike.
+    pub retardation_s: f64,
 }
 
 /// What a solid round section of radius r adds to Euler's law in second order of curvature κ, its bent fibres squeezing
@@ -98,10 +96,8 @@ pub struct Rod {
     pub twist: f64,
     /// The side of the straight rod.
     side: Vector3<f64>,
-    /// See [`RodSpec::axial_retardation_s`].
-    pub axial_retardation_s: f64,
-    /// See [`RodSpec::bending_retardation_s`].
-    pub bending_retardation_s: f64,
+    /// See [`RodSpec::retardation_s`].
+    pub retardation_s: f64,
     torques: Vec<Vector3<f64>>,
     /// Elastic tension of each segment, N.
     tensions: Vec<f64>,
@@ -145,8 +141,7 @@ impl Rod {
             section: spec.section,
             square_radius_m2: 0.25 * spec.diameter_m.powi(2),
             inertia: spec.mass_kg / area * second_moment / n as f64,
-            axial_retardation_s: spec.axial_retardation_s,
-            bending_retardation_s: spec.bending_retardation_s,
+            retardation_s: spec.retardation_s,
             twist: bend / (1.0 + spec.poisson),
             side,
             torques: vec![Vector3::zeros(); n],
@@ -202,28 +197,32 @@ impl Rod {
         )
     }
 
-    /// |κb|² of a node, as in `add_bending`; the ends have none.
+    /// Square u² of a node's bend away from its natural one: |κb|² − 2 κb·k + k², κb and k as in `add_bending`; the ends
+    /// have none.
     fn square_bend(&self, node: usize) -> f64 {
         if node == 0 || node == self.directors.len() {
             return 0.0;
         }
-        let c = self.directors[node - 1].dot(&self.directors[node]);
-        4.0 * (1.0 - c) / (1.0 + c)
+        let [near, far] = [&self.directors[node - 1], &self.directors[node]];
+        let c = near.dot(far);
+        let natural = self.natural_per_m[node] * self.bend_m[node];
+        let about_side = near.cross(far).dot(&(self.sides[node - 1] + self.sides[node])) / (1.0 + c);
+        4.0 * (1.0 - c) / (1.0 + c) + natural * (natural - 2.0 * about_side)
     }
 
-    /// Factor q of the energy q/4 |κb|⁴ that a stiffening stress adds at a node, N m.
+    /// Factor q of the energy q/4 u⁴ that a stiffening stress adds at a node, N m.
     fn quartic(&self, node: usize) -> f64 {
         self.stiffening * self.fourth_n_m4 / self.bend_m[node].powi(3)
     }
 
-    /// p κ² of a node for the p of [`BentSection`]. In series with a clamp that gives, the rope's moment falls behind with
-    /// the third power of its share of the bend.
-    fn squeezed(&self, node: usize) -> f64 {
-        let square_per_m2 = self.square_bend(node) / self.bend_m[node].powi(2);
+    /// p κ² of a node that is bent by u², for the p of [`BentSection`]. In series with a clamp that gives, the rope's
+    /// moment falls behind with the third power of its share of the bend.
+    fn squeezed(&self, node: usize, square: f64) -> f64 {
+        let square_per_m2 = square / self.bend_m[node].powi(2);
         self.section.softening * self.square_radius_m2 * square_per_m2 * self.bend_share[node].powi(3)
     }
 
-    /// By how much a node's bend lengthens the axis, m, over its |κb|².
+    /// By how much a node's bend lengthens the axis, m, over its u².
     fn lengthening(&self, node: usize) -> f64 {
         self.section.lengthening * self.square_radius_m2 * self.bend_share[node].powi(2) / self.bend_m[node]
     }
@@ -237,7 +236,7 @@ impl Rod {
             let along = self.x[j + 1] - self.x[j];
             let seen = (self.v[j + 1] - self.v[j] - self.turning[j].cross(&along)) / self.rest_m;
             let strain_rate = seen.dot(&director);
-            let late = self.axial_retardation_s;
+            let late = self.retardation_s;
             self.tensions[j] = self.axial * (strain + self.stiffening * strain.powi(3));
             let pull = director * (self.tensions[j] + self.axial * late * strain_rate)
                 + (across + (seen - director * strain_rate) * late) * self.shear;
@@ -250,30 +249,33 @@ impl Rod {
     /// Bending and twist, with the discrete curvature of Bergou et al. (2008, eq. 1), |κb| = 2 tan(θ/2), of neighbouring
     /// directors.
     ///
-    /// With c = cos θ between them the energy B/2 |κb|² is 2B (1 − c)/(1 + c), so dE/dc = −4B/(1 + c)². A squeezed
-    /// section takes from B, stiffening stress adds to it, and the tension of a lengthening bend changes it; a natural
-    /// curvature adds the energy −B κb·k with k along the mean of the sides.
+    /// With c = cos θ between them and k the natural curvature along the mean of the sides, the bend that stresses the
+    /// material has the square u² = 4 (1 − c)/(1 + c) − 2 κb·k + k², and B/2 u² is its energy, so its slopes are those
+    /// of c and κb·k. A squeezed section takes from B, stiffening stress adds to it, and the tension of a lengthening
+    /// bend changes it.
     /// The twist φ has the energy C (1 − cos φ), (1 + c) cos φ being the sum of the products of both vectors across the
-    /// directors. The viscous part resists the difference of the neighbours' angular velocities with the torque B τ Δω.
+    /// directors. The viscous part resists the difference Δω of the neighbours' angular velocities: with B τ Δω across
+    /// the rope, with C τ Δω along it.
     fn add_bending(&mut self) {
         for i in 1..self.directors.len() {
             let [near, far] = [self.directors[i - 1], self.directors[i]];
-            let stiffness = self.bending[i];
+            let [own, other] = [self.sides[i - 1], self.sides[i]];
             let c = near.dot(&far);
+            let square = self.square_bend(i);
             let pulled = self.lengthening(i) * (self.tensions[i - 1] + self.tensions[i]);
-            let round = stiffness / (1.0 + self.squeezed(i));
-            let slope = 4.0 * (round + self.quartic(i) * self.square_bend(i) - pulled) / (1.0 + c).powi(2);
-            let elastic = near.cross(&far) * slope;
-            let rates = self.turning[i] - self.turning[i - 1];
-            let viscous = rates * (stiffness * self.bending_retardation_s);
+            let round = self.bending[i] / (1.0 + self.squeezed(i, square));
+            let stiffness = round + self.quartic(i) * square - pulled;
+            let elastic = near.cross(&far) * (4.0 * stiffness / (1.0 + c).powi(2));
+            let viscous = self.resistance(i);
             self.torques[i - 1] += elastic + viscous;
             self.torques[i] -= elastic + viscous;
-            let [own, other] = [self.sides[i - 1], self.sides[i]];
-            let natural = (own + other) * (0.5 * self.natural_per_m[i] * self.bend_m[i]);
-            let bent = near.cross(&far) * (2.0 / (1.0 + c));
-            let half = bent * (0.5 * self.natural_per_m[i] * self.bend_m[i] * stiffness);
-            self.torques[i - 1] += natural_torque(&near, &far, &natural) * stiffness + own.cross(&half);
-            self.torques[i] += other.cross(&half) - natural_torque(&far, &near, &natural) * stiffness;
+            let natural = self.natural_per_m[i] * self.bend_m[i];
+            if natural != 0.0 {
+                let mean = (own + other) * (0.5 * natural);
+                let half = near.cross(&far) * (natural / (1.0 + c));
+                self.torques[i - 1] += (natural_torque(&near, &far, &mean) + own.cross(&half)) * stiffness;
+                self.torques[i] += (other.cross(&half) - natural_torque(&far, &near, &mean)) * stiffness;
+            }
             let (second, second_other) = (near.cross(&own), far.cross(&other));
             let aligned = own.dot(&other) + second.dot(&second_other);
             let untwisting = (own.cross(&other) + second.cross(&second_other)) / (1.0 + c)
@@ -281,6 +283,14 @@ impl Rod {
             self.torques[i - 1] += untwisting * self.twist;
             self.torques[i] -= untwisting * self.twist;
         }
+    }
+
+    /// Viscous torque of a node on the segment before it, N m.
+    fn resistance(&self, node: usize) -> Vector3<f64> {
+        let rates = self.turning[node] - self.turning[node - 1];
+        let along = (self.directors[node - 1] + self.directors[node]).normalize();
+        let twisting = along * along.dot(&rates);
+        ((rates - twisting) * self.bending[node] + twisting * self.twist) * self.retardation_s
     }
 
     /// Largest stable step of the explicit integrator, s, with a margin of two.
@@ -302,8 +312,7 @@ impl Rod {
         let shear = self.shear * (2.0 / (self.rest_m * lightest) + self.rest_m / self.inertia);
         let bending = 2.0 * bends.fold(0.0, f64::max) / self.inertia;
         let elastic = 2.0 / (axial + shear + bending).sqrt();
-        let stretching = self.axial_retardation_s * (axial + shear);
-        let viscous = 2.0 / (stretching + self.bending_retardation_s * bending);
+        let viscous = 2.0 / (self.retardation_s * (axial + shear + bending));
         0.5 * elastic.min(viscous)
     }
 
@@ -320,20 +329,16 @@ impl Rod {
             let [t0, t1] = [&self.directors[i - 1], &self.directors[i]];
             let c = t0.dot(t1);
             let square = self.square_bend(i);
-            let natural = self.natural_per_m[i] * self.bend_m[i];
             let [own, other] = [&self.sides[i - 1], &self.sides[i]];
-            let about_side = t0.cross(t1).dot(&(own + other)) / (1.0 + c);
             let aligned = own.dot(other) + t0.cross(own).dot(&t1.cross(other));
             energy += self.twist * (1.0 - aligned / (1.0 + c));
-            let squeezed = self.squeezed(i);
+            let squeezed = self.squeezed(i, square);
             let squeezed = if squeezed > 0.0 {
                 squeezed.ln_1p() / squeezed
             } else {
                 1.0
             };
-            energy += self.bending[i]
-                * (0.5 * (square * squeezed + natural * natural) - natural * about_side)
-                + 0.25 * self.quartic(i) * square * square;
+            energy += 0.5 * self.bending[i] * square * squeezed + 0.25 * self.quartic(i) * square * square;
         }
         energy
     }

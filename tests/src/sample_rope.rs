@@ -35,7 +35,7 @@ pub fn material() -> Material {
         },
         young_pa: YOUNG_PA,
         segments: 50,
-        bending_retardation_s: 1e-4,
+        retardation_s: 1e-4,
     }
 }
 

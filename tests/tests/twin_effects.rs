@@ -26,7 +26,7 @@ fn coarse(young_pa: f64) -> Material {
         },
         young_pa,
         segments: 25,
-        bending_retardation_s: 1e-4,
+        retardation_s: 1e-4,
     }
 }
 

@@ -28,7 +28,7 @@ fn material(young_pa: f64, direction: [f64; 3]) -> Material {
         },
         young_pa,
         segments: 25,
-        bending_retardation_s: 0.0,
+        retardation_s: 0.0,
     }
 }
 
@@ -149,7 +149,7 @@ fn a_hinged_rope_swings_as_a_physical_pendulum() {
 }
 
 /// The first bending mode of a cantilever: ω = 3.516 √(EI/ρA)/L², which Kelvin-Voigt damping with
-/// retardation time τ makes decay at τ ω²/2.
+/// retardation time τ makes decay at τ ω²/2. Dropped from straight, the tip swings about its sag.
 #[test]
 fn a_cantilever_vibrates_and_decays_at_its_first_mode() {
     let young = 5e7;
@@ -165,29 +165,72 @@ fn a_cantilever_vibrates_and_decays_at_its_first_mode() {
         &fixed(0.02),
         &effects,
     );
-    // Dropped from straight, the tip swings about its sag; every second turning point is an upper one.
-    let mut turns = Vec::new();
-    let (mut z, mut rising) = (0.0, false);
-    for index in 1..8000 {
-        let t = f64::from(index) * 1e-4;
-        world.advance_to(t);
-        let now = world.rod.x[25].z;
-        if (now > z) != rising {
-            turns.push((t, z));
-            rising = now > z;
-        }
-        z = now;
-    }
     let density = 0.0385 / LENGTH;
     let omega = 3.516 * (stiffness(young) / density).sqrt() / (LENGTH - 0.02f64).powi(2);
-    let (first, last) = (turns[1], turns[9]);
+    swings_and_decays(&mut world, [omega, tau], |world| world.rod.x[25].z);
+}
+
+/// The first modes of stretch and twist of a rod that is held at one end, ω = π c/(2L) with c² = E/ρ and G/ρ, decay at
+/// τ ω²/2 as well.
+#[test]
+fn a_held_rope_stretches_and_twists_at_its_first_modes_and_both_decay() {
+    let young = 9e5;
+    let tau = 1e-3;
+    let effects = WorldEffects {
+        damping_s: tau,
+        ..WorldEffects::default()
+    };
+    let hanging = |grip_m: f64| {
+        let material = material(young, [0.0, 0.0, -1.0]);
+        World::new(&material, [0.0; 3], None, &fixed(grip_m), &effects)
+    };
+    let area = PI * DIAMETER * DIAMETER / 4.0;
+    let wave_m_s = (young * area * LENGTH / 0.0385).sqrt();
+    // Let go unstretched, it bounces about its stretch.
+    let omega = 0.5 * PI * wave_m_s / LENGTH;
+    swings_and_decays(&mut hanging(1e-4), [omega, tau], |world| world.rod.x[25].z);
+
+    // Held by two segments: the section of the second is the wall.
+    let mut twisted = hanging(0.02);
+    let free_m = LENGTH - 0.015;
+    let axis = Vector3::new(0.0, 0.0, -1.0);
+    let straight = twisted.rod.sides[0];
+    for (j, side) in twisted.rod.sides.iter_mut().enumerate().skip(2) {
+        let share = (0.01 * j as f64 - 0.01) / free_m;
+        let angle = 0.3 * (0.5 * PI * share).sin();
+        *side = straight * angle.cos() + axis.cross(&straight) * angle.sin();
+    }
+    let omega = 0.5 * PI * wave_m_s / 2.6f64.sqrt() / free_m;
+    let angle = |world: &World| axis.dot(&straight.cross(&world.rod.sides[24])).asin();
+    swings_and_decays(&mut twisted, [omega, tau], angle);
+}
+
+/// Eight half swings of what is read take 8 π/ω and shrink at τ ω²/2.
+fn swings_and_decays(world: &mut World, [omega, tau]: [f64; 2], read: impl Fn(&World) -> f64) {
+    let step = 0.002 * PI / omega;
+    let mut turns = Vec::new();
+    let (mut before, mut rising) = (read(world), false);
+    for index in 1.. {
+        let t = f64::from(index) * step;
+        world.advance_to(t);
+        let now = read(world);
+        if (now > before) != rising {
+            turns.push((t, before));
+            rising = now > before;
+        }
+        before = now;
+        if turns.len() == 10 || index == 6000 {
+            break;
+        }
+    }
+    let [first, last] = [turns[1], turns[9]];
     close((last.0 - first.0) / 8.0, PI / omega, 0.01);
     let swing = |k: usize| (turns[k].1 - turns[k + 1].1).abs();
     let decay = (swing(1) / swing(8)).ln() / (turns[8].0 - turns[1].0);
     close(decay, 0.5 * tau * omega * omega, 0.1);
 }
 
-fn straight(segments: usize, axial_retardation_s: f64) -> Rod {
+fn straight(segments: usize, retardation_s: f64) -> Rod {
     let spec = RodSpec {
         length_m: LENGTH,
         diameter_m: DIAMETER,
@@ -196,14 +239,13 @@ fn straight(segments: usize, axial_retardation_s: f64) -> Rod {
         poisson: 0.3,
         section: BentSection::SOLID,
         segments,
-        axial_retardation_s,
-        bending_retardation_s: 0.0,
+        retardation_s,
     };
     Rod::straight(&spec, Vector3::zeros(), Vector3::x())
 }
 
-fn crumpled(axial_retardation_s: f64) -> Rod {
-    let mut rod = straight(12, axial_retardation_s);
+fn crumpled(retardation_s: f64) -> Rod {
+    let mut rod = straight(12, retardation_s);
     // As where a clamp gives.
     rod.bend_share[5] = 0.4;
     rod.natural_per_m.fill(7.0);
@@ -299,7 +341,7 @@ fn inner_forces_change_neither_momentum_nor_angular_momentum() {
     let torque = torque + rod.torques().iter().sum::<Vector3<f64>>();
     assert!(sum.norm() < 1e-12 * scale, "{}", sum.norm());
     assert!(torque.norm() < 1e-12 * scale, "{}", torque.norm());
-    rod.bending_retardation_s = 1e-2;
+    rod.retardation_s = 1e-2;
     force.fill(Vector3::zeros());
     rod.add_forces(&mut force);
     let sum: Vector3<f64> = force.iter().sum();
