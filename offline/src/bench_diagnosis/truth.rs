@@ -216,8 +216,8 @@ impl BaseFit {
     }
 }
 
-/// Most evaluations of such a fit: it starts near its end.
-const EVALUATIONS: usize = 12;
+/// Most evaluations of such a fit. It starts near its end but where a cause passes for another stiffness.
+const EVALUATIONS: usize = 60;
 
 /// The base model fitted to tracks without noise.
 fn refitted(theta: Vec<f64>, tracks: &[Track]) -> Result<Evaluation, FitError> {
@@ -260,7 +260,8 @@ mod tests {
     }
 
     /// A change that Young's modulus explains is no cause at all: it leaves less than the weakest cause of the matrix,
-    /// 1 floor of 0.5 mm. A shift of what is seen is a cause.
+    /// 1 floor of 0.5 mm, also where it is large. Seen: after twelve evaluations a rope that bends as one nearly five
+    /// times stiffer still left 5 mm, so that 0.6 mm passed for 5 floors. A shift of what is seen is a cause.
     #[test]
     fn what_a_base_parameter_does_leaves_nothing() {
         let tracks = |young_pa: f64| Finer.tracks(young_pa, &[], &MOTIONS[..FITTED]).unwrap();
@@ -268,16 +269,17 @@ mod tests {
         let base = BaseFit::new(0.4e6, &from).unwrap();
         assert_eq!(base.left_mm(&from).unwrap(), 0.0);
         let softer = base.left_mm(&tracks(0.3e6)).unwrap();
+        let stiffer = base.left_mm(&tracks(4.6 * 0.4e6)).unwrap();
         let mut shifted = from.clone();
         for point in shifted.iter_mut().flatten().flatten() {
             point[1] += 0.003;
         }
         // Across the plane of motion, of which no base parameter is capable: 3 mm in one of three.
         let across = base.left_mm(&shifted).unwrap();
-        println!("{softer} mm of a softer rope, {across} mm of a shift");
+        println!("{softer} mm of a softer rope, {stiffer} mm of a stiffer one, {across} mm of a shift");
         assert!(
-            softer < 0.5 && (across / 3f64.sqrt() - 1.0).abs() < 0.1,
-            "{softer} {across}"
+            softer < 0.5 && stiffer < 0.5 && (across / 3f64.sqrt() - 1.0).abs() < 0.1,
+            "{softer} {stiffer} {across}"
         );
     }
 }
