@@ -99,6 +99,8 @@ pub struct Rod {
     /// See [`RodSpec::retardation_s`].
     pub retardation_s: f64,
     torques: Vec<Vector3<f64>>,
+    /// Square of each node's bend, as `square_bend` says.
+    square_bends: Vec<f64>,
     /// Elastic tension of each segment, N.
     tensions: Vec<f64>,
 }
@@ -145,6 +147,7 @@ impl Rod {
             twist: bend / (1.0 + spec.poisson),
             side,
             torques: vec![Vector3::zeros(); n],
+            square_bends: vec![0.0; n + 1],
             tensions: vec![0.0; n],
         }
     }
@@ -153,6 +156,9 @@ impl Rod {
     /// directors.
     pub fn add_forces(&mut self, force: &mut [Vector3<f64>]) {
         self.torques.fill(Vector3::zeros());
+        for node in 0..self.x.len() {
+            self.square_bends[node] = self.square_bend(node);
+        }
         self.add_stretching(force);
         self.add_bending();
     }
@@ -185,12 +191,12 @@ impl Rod {
         self.turning[segment] = Vector3::zeros();
     }
 
-    /// A segment's strains: along its director, less what its bend lengthens it by, and across it.
-    fn strains(&self, segment: usize) -> (f64, Vector3<f64>) {
+    /// A segment's strains: along its director, less what the bend of its two nodes lengthens it by, and across it.
+    fn strains(&self, segment: usize, square_bends: [f64; 2]) -> (f64, Vector3<f64>) {
         let along = (self.x[segment + 1] - self.x[segment]) / self.rest_m;
         let director = &self.directors[segment];
         let stretch = along.dot(director);
-        let longer = [segment, segment + 1].map(|node| self.square_bend(node) * self.lengthening(node));
+        let longer = [0, 1].map(|end| square_bends[end] * self.lengthening(segment + end));
         (
             stretch - 1.0 - 0.5 * (longer[0] + longer[1]) / self.rest_m,
             along - director * stretch,
@@ -231,7 +237,7 @@ impl Rod {
     /// director with e × n, strains as in `strains` and the rates of e as the director sees them.
     fn add_stretching(&mut self, force: &mut [Vector3<f64>]) {
         for j in 0..self.directors.len() {
-            let (strain, across) = self.strains(j);
+            let (strain, across) = self.strains(j, [self.square_bends[j], self.square_bends[j + 1]]);
             let director = self.directors[j];
             let along = self.x[j + 1] - self.x[j];
             let seen = (self.v[j + 1] - self.v[j] - self.turning[j].cross(&along)) / self.rest_m;
@@ -261,7 +267,7 @@ impl Rod {
             let [near, far] = [self.directors[i - 1], self.directors[i]];
             let [own, other] = [self.sides[i - 1], self.sides[i]];
             let c = near.dot(&far);
-            let square = self.square_bend(i);
+            let square = self.square_bends[i];
             let pulled = self.lengthening(i) * (self.tensions[i - 1] + self.tensions[i]);
             let round = self.bending[i] / (1.0 + self.squeezed(i, square));
             let stiffness = round + self.quartic(i) * square - pulled;
@@ -320,7 +326,7 @@ impl Rod {
     pub fn elastic_energy_j(&self) -> f64 {
         let mut energy = 0.0;
         for j in 0..self.directors.len() {
-            let (strain, across) = self.strains(j);
+            let (strain, across) = self.strains(j, [j, j + 1].map(|node| self.square_bend(node)));
             let stiffer = 1.0 + 0.5 * self.stiffening * strain * strain;
             energy += 0.5 * self.axial * self.rest_m * strain * strain * stiffer;
             energy += 0.5 * self.shear * self.rest_m * across.norm_squared();
