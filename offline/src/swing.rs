@@ -3,8 +3,9 @@
 use crate::collect::{SwingRefusal, Swinger};
 use crate::fit::Resolution;
 use crate::model::Structure;
+use crate::sim::legs::Placed;
 use crate::sim::physics::GRAVITY_M_S2;
-use crate::sim::rest::rest_near;
+use crate::sim::rest::{redivided, rest_near};
 use crate::sim::rollout::grip_motions;
 use crate::sim::rope::RopeShape;
 use crate::sim::tensor::{norm, sub};
@@ -45,6 +46,11 @@ const FIRST_LEAN_RAD: f64 = 0.3;
 const ARRIVAL_S: f64 = 0.05;
 /// How long the rope then comes nearer to rest, s.
 const CALM_S: f64 = 0.15;
+/// Cells across the rope until then: rests of other grids are near enough to begin from.
+const COARSE_CELLS: f64 = 1.0;
+/// The end of that time on the swing's own grid, s, in which what was carried over from the other becomes smooth; without
+/// it Newton's method takes two or three times as many matrices.
+const FINER_S: f64 = 0.01;
 /// How near to where it opens a gripper counts as arrived, m. The rest is sought with the gripper where it opens.
 const THERE_M: f64 = 3e-4;
 /// How long before it opens the gripper is asked where that is, s.
@@ -66,26 +72,39 @@ impl SimulatedSwing {
     /// the plane never gets there, and up to two seconds.
     ///
     /// Reach against that of the robot's way where it has come to rest, 11 releases, E 0.3, 0.9 and 3 MPa: within
-    /// 0.1 mm in 33 of 33, at most 0.021 mm; settled in time ([`Scene::swing_settled`]) in 30, at most 0.42 mm.
-    /// Seconds of one core at these E, by turns on a loaded machine: 0.071, 0.090, 0.144 against 0.131, 0.198, 0.331.
-    /// Two thirds of that are steps, a tenth the matrices and their factors.
+    /// 0.1 mm in 33 of 33, at most 0.021 mm; settled in time ([`Scene::swing_settled`]) in 30, at most 0.42 mm. That was
+    /// with all of the way on the swing's own grid; on the coarse one 48 swings reached within 0.035 mm of it.
+    /// Of 24 swings over the range of E, ms of one core on 1.5 and 1.79 cells: near the rest 63 and 72, now 34 and 36;
+    /// the rest 26 and 47, now 26 and 32; the swing 87 and 109.
     ///
     /// Damped ropes go the long way in double precision. What they remember of their strain has died out at rest, but in
     /// legs one of 0.9 MPa and 5 ms reached 0.4 mm less than from the true approach; why is not known.
     fn reach_in_legs(&self, scene: &Scene, young_pa: f64, poisson: f64) -> Result<Option<f64>, SimError> {
         let release_s = scene.score_from_s;
         let double = self.physics::<f64>(young_pa, poisson, LEAN_RAD);
-        let there_s = arrival_s(scene, &double) + ARRIVAL_S;
-        let first = Scene {
-            duration_s: there_s,
-            ..scene.clone()
-        };
-        let falling = self.physics::<f32>(young_pa, poisson, FIRST_LEAN_RAD);
-        let placed = simulate(&first, &falling)?.end;
         let single = self.physics::<f32>(young_pa, poisson, LEAN_RAD);
-        let calm = scene.leg(placed, there_s, there_s + CALM_S);
-        let placed = simulate(&calm, &single)?.end;
+        let falling = self.physics::<f32>(young_pa, poisson, FIRST_LEAN_RAD);
+        let there_s = arrival_s(scene, &double) + ARRIVAL_S;
         let calm_s = there_s + CALM_S;
+        let finer_s = calm_s - FINER_S;
+        let near = |scene: &Scene| -> Result<Vec<Placed>, SimError> {
+            let first = Scene {
+                duration_s: there_s,
+                ..scene.clone()
+            };
+            let placed = simulate(&first, &falling)?.end;
+            let calm = scene.leg(placed, there_s, finer_s);
+            Ok(simulate(&calm, &single)?.end)
+        };
+        let mut coarse = scene.clone();
+        coarse.lay_grid(COARSE_CELLS);
+        let placed = match near(&coarse) {
+            Ok(placed) => redivided(&placed, &coarse.layout(), &scene.layout()),
+            // What a coarse grid cannot follow, its own may.
+            Err(_) => near(scene)?,
+        };
+        let finer = scene.leg(placed, finer_s, calm_s);
+        let placed = simulate(&finer, &single)?.end;
         let settling = scene.leg(placed, calm_s, release_s);
         // Newton's method need not find the rest; time does.
         let rest = match rest_near(&settling, &double, release_s - calm_s - OPENING_S) {

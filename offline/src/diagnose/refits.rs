@@ -548,7 +548,7 @@ mod tests {
     /// what was left took half of that away. Here a lag is what is missing beside it.
     #[test]
     fn a_prior_takes_no_more_than_it_may_of_what_a_refit_explained() {
-        let demos = recorded(&[part("internal_damping", 30.0), part("gripper_lag", 15.0)]);
+        let demos = recorded(&[part("internal_damping", 60.0), part("gripper_lag", 7.0)]);
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
         let structure = Structure::default().with(effects::find("internal_damping").unwrap());
         let end = Descent::at(&bench.fit, &structure, &[YOUNG_PA.ln(), 0.3, 0.11])

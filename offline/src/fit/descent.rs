@@ -103,8 +103,12 @@ const FAITHFUL: f64 = 0.5;
 /// Most steps in a row after which slopes are corrected.
 const MOST_CORRECTIONS: usize = 3;
 
-/// Roots of the heaviest prior that are tried where that takes too much away: see [`Descent::shrunk`].
-const GENTLER_ROOTS: [f64; 2] = [2.0, 4.0];
+/// Priors that are tried where the one that promises to take no more away than it may takes more: see [`Descent::shrunk`].
+const PRIORS_TRIED: usize = 3;
+/// How many times lighter each is than the one before.
+const GENTLER: f64 = 2.0;
+/// Halvings by which the heaviest prior that promises to keep what it must is found: to 1e-3 of its logarithm.
+const PRIOR_HALVINGS: usize = 10;
 
 /// How the slopes at a descent's best iterate were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,22 +262,33 @@ impl<'a> Descent<'a> {
     pub fn shrunk(mut self, evaluations: usize, most_cost: f64) -> Self {
         self.complete();
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
-        let under = |root: f64| self.clone().under(heaviest.powf(1.0 / root));
-        let tried = |root: f64| {
-            let under = under(root);
-            (under.promised_cost() <= most_cost).then(|| under.again(evaluations))
-        };
+        let held = |weight: f64| self.clone().under(weight).again(evaluations);
+        let first = self.heaviest_that_promises(heaviest, most_cost);
+        let gentler = (0..PRIORS_TRIED).map(|times| held(first / GENTLER.powi(times as i32)));
         let keeps = |there: &Self| there.own_cost() <= most_cost && !there.at_an_end();
-        let held = match tried(1.0) {
-            Some(there) if keeps(&there) => return there,
-            other => other,
-        };
-        let kept = GENTLER_ROOTS.into_iter().filter_map(tried).find(keeps);
-        match kept {
+        match gentler.into_iter().find(keeps) {
             Some(there) => there,
-            None if self.at_an_end() => held.unwrap_or_else(|| under(1.0).again(evaluations)),
+            None if self.at_an_end() => held(heaviest),
             None => self,
         }
+    }
+
+    /// The weight of the heaviest prior, `heaviest` or less, that promises a cost of at most `most_cost` without its own.
+    fn heaviest_that_promises(&self, heaviest: f64, most_cost: f64) -> f64 {
+        let promises = |weight: f64| self.clone().under(weight).promised_cost() <= most_cost;
+        if promises(heaviest) {
+            return heaviest;
+        }
+        let (mut keeps, mut takes) = (0.0, heaviest.ln());
+        for _ in 0..PRIOR_HALVINGS {
+            let middle = 0.5 * (keeps + takes);
+            if promises(middle.exp()) {
+                keeps = middle;
+            } else {
+                takes = middle;
+            }
+        }
+        f64::exp(keeps)
     }
 
     /// Whether an effect is at an end of its range at the best iterate so far.

@@ -13,8 +13,8 @@ use super::lanes::Lanes;
 use super::nodes::{CLAMP_ROWS, CONTACT_ROWS, Rows};
 use super::physics::SliceMotion;
 use super::real::Real;
-use super::tensor::{Mat3, Vec3, matadd, zero3};
-use super::transfer::Transfer;
+use super::tensor::{Mat3, Vec3, matadd, mul, zero3};
+use super::transfer::{Given, Transfer};
 
 /// One channel of the same member of as many slices as a register has lanes.
 #[derive(Clone, Copy, Debug)]
@@ -62,11 +62,11 @@ pub struct Held<L> {
 
 /// One channel of the motion of a grip: its position, m, and its rotation.
 #[derive(Clone, Copy, Debug)]
-pub struct GripMotion<L> {
+pub struct GripMotion<B> {
     /// Position, m.
-    pub position_m: Vec3<L>,
+    pub position_m: Vec3<B>,
     /// Rotation.
-    pub rotation: Mat3<L>,
+    pub rotation: Mat3<B>,
 }
 
 /// The particles in registers, and the nodes' sums.
@@ -119,12 +119,14 @@ pub struct Blocks<L: Lanes> {
     pub footings: Vec<Footing<L>>,
     /// Space for the nodes of each slice of a block.
     pub nodes: Vec<L>,
+    /// Space for what the members of a block give them.
+    pub given: Vec<Given<L>>,
     /// Space for the members of a block.
     pub differentials: Vec<(StressDifferential<L>, Straining<L>)>,
 }
 
 /// One part of a step.
-pub enum Part<'a, L> {
+pub enum Part<'a, L: Lanes> {
     /// Brings a block the velocities of the nodes and moves it.
     Move(usize),
     /// Sums up at the nodes what a block gives: stress, laws, and the table's push.
@@ -132,7 +134,7 @@ pub enum Part<'a, L> {
     /// Sums up the table's push on a block alone.
     Press(usize),
     /// Sums up the springs of a share of a grip; its motion by channel.
-    Clamp(usize, &'a [GripMotion<L>]),
+    Clamp(usize, &'a [GripMotion<L::Scalar>]),
 }
 
 /// A block that cannot go on: member, lane and determinant of the deformation gradient.
@@ -306,7 +308,6 @@ impl<L: Lanes> Blocks<L> {
     fn give_impulse<const MATERIAL: bool>(&mut self, block: usize, channel: usize) -> Result<(), Stop> {
         let members = self.transfer.members.len();
         let (scale, carried) = (-self.stress_scales[block], L::of(self.carried));
-        self.nodes.fill(L::zero());
         for member in 0..members {
             let pk1 = self.stress::<MATERIAL>(block, channel, member)?;
             let mut at_particle = self.pushed.get(channel).copied().unwrap_or(zero3());
@@ -328,9 +329,13 @@ impl<L: Lanes> Blocks<L> {
                     }
                 }
             }
-            self.transfer
-                .scatter(block, member, &at_particle, &slope, &mut self.nodes);
+            self.given[member] = Given {
+                value: at_particle,
+                slope,
+            };
         }
+        self.nodes.fill(L::zero());
+        self.transfer.scatter(block, &self.given, &mut self.nodes);
         let planes = self.impulse.channel_mut(channel);
         self.transfer.add_to_planes(block, 3, true, &self.nodes, planes);
         Ok(())
@@ -355,10 +360,7 @@ impl<L: Lanes> Blocks<L> {
                 }
                 impulse
             };
-            self.nodes.fill(L::zero());
-            for member in 0..self.transfer.members.len() {
-                self.transfer.scatter_value(member, impulse, &mut self.nodes);
-            }
+            self.transfer.spread(impulse, &mut self.nodes);
             let contact = self.contact.channel_mut(channel);
             self.transfer
                 .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
@@ -389,7 +391,7 @@ impl<L: Lanes> Blocks<L> {
 
     /// A grip's springs on its share of a block.
     #[inline(always)]
-    fn clamp(&mut self, share: usize, motion: &[GripMotion<L>]) {
+    fn clamp(&mut self, share: usize, motion: &[GripMotion<L::Scalar>]) {
         let held = &self.held[share];
         let (block, mask) = (held.block, held.mask);
         let (width, first) = (self.transfer.width, self.first(block, 0));
@@ -398,28 +400,32 @@ impl<L: Lanes> Blocks<L> {
         for channel in 0..self.channels {
             let own = self.first(block, channel);
             let slope = mask * self.clamp_stiffness[channel];
-            self.nodes.fill(L::zero());
+            // All particles of a slice have the mass of the first.
+            let (mass, mass_change) = (self.bodies[first].mass_kg, self.bodies[own].mass_kg);
+            let stiffness = mass * springs;
+            let change = if channel == 0 {
+                stiffness
+            } else {
+                mass_change.times_plus(springs, mass * slope)
+            };
             for member in 0..self.transfer.members.len() {
                 let (value, body) = (&self.bodies[first + member], &self.bodies[own + member]);
-                let stiffness = value.mass_kg * springs;
-                let change = if channel == 0 {
-                    stiffness
-                } else {
-                    body.mass_kg.times_plus(springs, value.mass_kg * slope)
-                };
                 let offset = &held.offsets_m[member];
                 let asked = asked_change(&motion[channel], offset, body, per_step);
-                let asked_value = asked_change(&motion[0], offset, value, per_step);
-                self.transfer
-                    .scatter_value(member, change, &mut self.nodes[..width]);
-                for a in 0..3 {
-                    let mut product = stiffness * asked[a];
-                    if channel > 0 {
-                        product = change.times_plus(asked_value[a], product);
+                let mut product = mul(asked, stiffness);
+                if channel > 0 {
+                    let asked_value = asked_change(&motion[0], offset, value, per_step);
+                    for a in 0..3 {
+                        product[a] = change.times_plus(asked_value[a], product[a]);
                     }
-                    let row = &mut self.nodes[(a + 1) * width..(a + 2) * width];
-                    self.transfer.scatter_value(member, product, row);
                 }
+                self.given[member].value = product;
+            }
+            self.nodes.fill(L::zero());
+            self.transfer.spread(change, &mut self.nodes[..width]);
+            for a in 0..3 {
+                let row = &mut self.nodes[(a + 1) * width..(a + 2) * width];
+                self.transfer.scatter_values(a, &self.given, row);
             }
             let clamps = self.clamps.channel_mut(channel);
             self.transfer
@@ -444,16 +450,16 @@ impl<L: Lanes> Blocks<L> {
 /// One channel of how much a gripped particle's velocity must change to bring it to its place within a step.
 #[inline(always)]
 fn asked_change<L: Lanes>(
-    motion: &GripMotion<L>,
+    motion: &GripMotion<L::Scalar>,
     offset_m: &Vec3<L>,
     body: &Body<L>,
     per_step: L,
 ) -> Vec3<L> {
     let mut change = body.velocity_m_s;
     for a in 0..3 {
-        let mut gap = motion.position_m[a] - body.position_m[a];
+        let mut gap = L::splat(motion.position_m[a]) - body.position_m[a];
         for b in 0..3 {
-            gap = motion.rotation[a][b].times_plus(offset_m[b], gap);
+            gap = L::splat(motion.rotation[a][b]).times_plus(offset_m[b], gap);
         }
         change[a] = gap * per_step - body.velocity_m_s[a].scale(KEPT);
     }

@@ -58,10 +58,13 @@
 //! lanes from memory, not through the registers' instructions in code that was not compiled for them: an eighth
 //! less time. Most of a swing's time was its settling: ropes that fall out of the plane need up to two seconds and
 //! double precision to come to rest, 0.20 s of one core at 0.9 MPa. Now half a second in single precision brings the
-//! rope near its rest, whose nodes are then solved for ([`rest`]): 0.09 s, within 0.021 mm of the true approach come
-//! to rest at all of 33 releases (`swing.rs`; both figures on a loaded machine, by turns, 1.5 cells). On two such
-//! cores that is 22 per second at 0.9 MPa, and 14 over the range of E on the paper's 1.79 cells (17 at 0.9 MPa; the
-//! aim is 25). Two thirds of it are the steps of half a second before the release and three quarters after it.
+//! rope near its rest, whose nodes are then solved for ([`rest`]): 0.09 s (`swing.rs`; both figures on a loaded machine,
+//! by turns, 1.5 cells). Almost all of that half second is spent on a grid of one cell across the rope, which leaves the
+//! reach where it was (48 swings on 1.5 and 1.79 cells over the range of E: at most 0.035 mm, mostly 0.002 mm).
+//!
+//! With that and with sums that stay in registers, 24 swings over the range of E took 131 ms of one core each instead
+//! of 177 on 1.5 cells, 156 instead of 228 on the paper's 1.79; on a slow machine, a quarter of each the rest and its
+//! matrices. Two such cores make 12.8 per second of the latter, before 8.8 (on a faster one 14); the aim is 25.
 //!
 //! Laws that change the material run in registers too (`block_material.rs`). Beside a plain rollout's 12 to 24, ns per
 //! particle and step of a rope of 564 particles with one law at a twentieth of its range, against one by one (loaded
@@ -75,6 +78,10 @@
 //! The step follows the fastest oscillation of the grid ([`time_step::fastest_pa`]), not the P-wave's crossing time
 //! of a cell: for ν = 0.2 that is 1.4 times longer, for ν = 0.45 hardly more; the loss takes a quarter of it
 //! back.
+//!
+//! A quarter of a step was the sums at the nodes going through memory: those of three planes now stay in registers from
+//! slice to slice, and those of members that meet the same nodes from member to member; the clamps' motion is spread over
+//! registers where they are used.
 //!
 //! What did not pay:
 //! - *Slices where the gradient is exact.* What MLS-MPM makes of a velocity that goes with the square of s is off by
@@ -105,7 +112,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 
 pub mod adjoint;
 pub mod axial;

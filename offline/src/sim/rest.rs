@@ -12,7 +12,8 @@ use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::Start;
 use super::statics::{Advance, Hold, Nodes, Pose, Statics, gather};
-use super::tensor::{Vec3, add, matvec, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, matvec, scaled, sub};
+use crate::observe::bracket;
 use rayon::prelude::*;
 use std::cell::OnceCell;
 
@@ -80,26 +81,64 @@ impl Near {
         if grid.nodes_material_m(layout) == self.material_m {
             return self.nodes_m.clone();
         }
-        let there: Vec<Placed> = (0..layout.particles())
-            .map(|p| self.place(layout.material_m(p)))
-            .collect();
-        nodes_of(statics, &there)
+        nodes_of(statics, &redivided(&self.placed, &self.layout, layout))
     }
+}
 
-    /// Where a point of the undeformed rope is: to first order from the particle next to it.
-    fn place(&self, material_m: Vec3<f64>) -> Placed {
-        let [arc_m, side_m, up_m] = material_m;
-        let Self { layout, placed, .. } = self;
-        let slice = least(layout.slices.iter().map(|s| (s.arc_m - arc_m).abs()));
+/// The particles of a rope that is divided as `layout` says, where they are in one whose particles are known: between two
+/// slices on the cubic curve through the members next to them, beside those to first order.
+pub fn redivided(placed: &[Placed], known: &RopeLayout, layout: &RopeLayout) -> Vec<Placed> {
+    let arcs_m: Vec<f64> = known.slices.iter().map(|slice| slice.arc_m).collect();
+    let members = known.section_m.len();
+    let place = |p: usize| {
+        let [arc_m, side_m, up_m] = layout.material_m(p);
         let away_m = |at: &[f64; 2]| (at[0] - side_m).hypot(at[1] - up_m);
-        let member = least(layout.section_m.iter().map(away_m));
-        let p = slice * layout.section_m.len() + member;
-        let further = sub(material_m, layout.material_m(p));
-        let next = placed[p];
-        Placed {
-            position_m: add(next.position_m, matvec(&next.deformation_gradient, further)),
-            ..next
-        }
+        let member = least(known.section_m.iter().map(away_m));
+        let [side, up] = known.section_m[member];
+        let (low, share) = bracket(&arcs_m, arc_m);
+        let beside = |slice: usize| {
+            let next = placed[slice * members + member];
+            let further = matvec(&next.deformation_gradient, [0.0, side_m - side, up_m - up]);
+            (add(next.position_m, further), next.deformation_gradient)
+        };
+        between(beside(low), beside(low + 1), arcs_m[low + 1] - arcs_m[low], share)
+    };
+    (0..layout.particles()).map(place).collect()
+}
+
+/// Between two points of one fibre `length_m` apart: the cubic with their places and slopes along the rope.
+fn between(
+    (from_m, from): (Vec3<f64>, Mat3<f64>),
+    (to_m, to): (Vec3<f64>, Mat3<f64>),
+    length_m: f64,
+    t: f64,
+) -> Placed {
+    let slopes = [from, to].map(|f| f.map(|row| row[0]));
+    let cubic = |[at_from, along_from, at_to, along_to]: [f64; 4]| -> Vec3<f64> {
+        std::array::from_fn(|a| {
+            let along = length_m * (along_from * slopes[0][a] + along_to * slopes[1][a]);
+            at_from * from_m[a] + at_to * to_m[a] + along
+        })
+    };
+    let position_m = cubic([
+        (1.0 + 2.0 * t) * (1.0 - t).powi(2),
+        t * (1.0 - t).powi(2),
+        t * t * (3.0 - 2.0 * t),
+        t * t * (t - 1.0),
+    ]);
+    let slope = scaled(
+        cubic([
+            6.0 * t * (t - 1.0),
+            (1.0 - t) * (1.0 - 3.0 * t),
+            6.0 * t * (1.0 - t),
+            t * (3.0 * t - 2.0),
+        ]),
+        1.0 / length_m,
+    );
+    let across = |a: usize, b: usize| (1.0 - t) * from[a][b] + t * to[a][b];
+    Placed {
+        position_m,
+        deformation_gradient: [0, 1, 2].map(|a| [slope[a], across(a, 1), across(a, 2)]),
     }
 }
 

@@ -15,7 +15,7 @@ use super::engine::Engine;
 use super::error::Cause;
 use super::flow::flow;
 use super::grid::GridSpec;
-use super::lanes::{Instructions, Laned, Lanes, channel, channels};
+use super::lanes::{Instructions, Laned, Lanes, channels};
 use super::laws::Laws;
 use super::legs::Placed;
 use super::material::Material;
@@ -25,7 +25,7 @@ use super::real::{Arithmetic, Real};
 use super::rope::RopeLayout;
 use super::step::{Particle, StepContext, inverted_or_not_finite};
 use super::tensor::{Vec3, zero3};
-use super::transfer::Transfer;
+use super::transfer::{Given, Transfer};
 
 /// Reads a vector of a body.
 type VectorOf<L> = fn(&Body<L>) -> &Vec3<L>;
@@ -38,6 +38,8 @@ pub struct Sweep<T: Laned, I: Instructions> {
     pub(super) masses: NodeMasses<T>,
     laws: Option<Laws<T::Base>>,
     slices: usize,
+    /// Space for a grip's motion by channel.
+    motion: Vec<GripMotion<T::Base>>,
 }
 
 impl<T: Laned, I: Instructions> Sweep<T, I> {
@@ -77,14 +79,15 @@ impl<T: Laned, I: Instructions> Sweep<T, I> {
     }
 
     fn clamp(&mut self, motions: &[Option<RigidMotion<T>>]) -> Result<(), Cause> {
-        let motions: Vec<_> = motions
-            .iter()
-            .map(|motion| motion.as_ref().map(in_registers::<T, I>))
-            .collect();
         for share in 0..self.blocks.held.len() {
-            let held = &self.blocks.held[share];
-            if let Some(motion) = &motions[held.grip] {
-                self.part(held.block, &Part::Clamp(share, motion))?;
+            let (block, grip) = (self.blocks.held[share].block, self.blocks.held[share].grip);
+            if let Some(motion) = &motions[grip] {
+                let mut channels = std::mem::take(&mut self.motion);
+                channels.clear();
+                channels.extend((0..T::CHANNELS).map(|k| one_channel(motion, k)));
+                let done = self.part(block, &Part::Clamp(share, &channels));
+                self.motion = channels;
+                done?;
             }
         }
         Ok(())
@@ -145,7 +148,6 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
         let zero = T::Plain::<I>::zero();
         let laws = Laws::new(context, layout);
         let channels_of_laws = laws.as_ref().map_or(0, |_| T::CHANNELS);
-        let held = held_blocks::<T, I>(transfer.blocks(), members, &of_lane);
         Self {
             masses: NodeMasses::new(&transfer, layout.slices.len(), &masses),
             slices: layout.slices.len(),
@@ -156,7 +158,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 pushed: vec![zero3(); channels_of_laws],
                 motions: vec![SliceMotion::zero(); channels_of_laws],
                 material: BlockMaterial::new::<T, I>(context, &material, [transfer.blocks(), members], dx),
-                held,
+                held: held_blocks::<T, I>(transfer.blocks(), members, &of_lane),
                 stress_scales,
                 lame: moduli::<T, I>(&context.lame),
                 viscosity: moduli::<T, I>(&per_cell),
@@ -175,10 +177,12 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                     .map(|block| footing::<T, I>(context, |lane| of_lane(block, 0, lane)))
                     .collect(),
                 nodes: vec![zero; 6 * transfer.width],
+                given: vec![Given::zero(); members],
                 differentials: Vec::with_capacity(members),
                 transfer,
             },
             laws,
+            motion: Vec::new(),
         }
     }
 
@@ -216,14 +220,13 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                         force_n_m[slice][a].scale(share).channel(channel)
                     })
                 });
-                let nodes = &mut blocks.nodes;
-                nodes.fill(T::Plain::<I>::zero());
-                let still = [zero3(); 3];
-                for member in 0..blocks.transfer.members.len() {
-                    blocks.transfer.scatter(block, member, &impulse, &still, nodes);
+                let width = blocks.transfer.width;
+                for (a, component) in impulse.into_iter().enumerate() {
+                    let row = &mut blocks.nodes[a * width..(a + 1) * width];
+                    blocks.transfer.spread(component, row);
                 }
                 let sum = blocks.impulse.channel_mut(channel);
-                blocks.transfer.add_to_planes(block, 3, true, nodes, sum);
+                blocks.transfer.add_to_planes(block, 3, false, &blocks.nodes, sum);
             }
         }
     }
@@ -341,14 +344,12 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     }
 }
 
-/// A grip's motion, by channel.
-fn in_registers<T: Laned, I: Instructions>(motion: &RigidMotion<T>) -> Vec<GripMotion<T::Plain<I>>> {
-    (0..T::CHANNELS)
-        .map(|k| GripMotion {
-            position_m: motion.position_m.map(|c| channel::<T, I>(c, k)),
-            rotation: motion.rotation.map(|row| row.map(|c| channel::<T, I>(c, k))),
-        })
-        .collect()
+/// One channel of a grip's motion.
+fn one_channel<T: Laned>(motion: &RigidMotion<T>, k: usize) -> GripMotion<T::Base> {
+    GripMotion {
+        position_m: motion.position_m.map(|c| c.channel(k)),
+        rotation: motion.rotation.map(|row| row.map(|c| c.channel(k))),
+    }
 }
 
 /// One channel of a body from the particles in its lanes; a lane beyond the rope's end is undeformed.

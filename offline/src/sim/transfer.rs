@@ -28,6 +28,25 @@ pub struct Member<B> {
     offset: [B; 2],
 }
 
+/// What a member gives to the nodes of its slice: a value at its place, and its change per cell along each axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Given<L> {
+    /// The value.
+    pub value: Vec3<L>,
+    /// Its change per cell, by component and axis.
+    pub slope: Mat3<L>,
+}
+
+impl<L: Lanes> Given<L> {
+    /// Nothing.
+    pub fn zero() -> Self {
+        Self {
+            value: zero3(),
+            slope: [zero3(); 3],
+        }
+    }
+}
+
 /// How one slice meets the planes.
 #[derive(Clone, Copy, Debug)]
 pub struct SliceLink<B> {
@@ -42,6 +61,10 @@ pub struct SliceLink<B> {
 pub struct Transfer<L: Lanes> {
     /// Members of every slice.
     pub members: Vec<Member<L::Scalar>>,
+    /// Members that meet the same nodes, whose sums stay in registers from one to the next.
+    groups: Vec<Vec<usize>>,
+    /// Sum of the members' weights at each node of a plane.
+    section_weights: Vec<L::Scalar>,
     /// Slices, filled up to whole registers with slices without weight.
     pub slices: Vec<SliceLink<L::Scalar>>,
     /// Position of the slices of each register relative to their middle plane, cells.
@@ -59,7 +82,7 @@ impl<L: Lanes> Transfer<L> {
         let base = L::Scalar::of;
         // Nodes without any member are left out of the planes.
         let mut places: Vec<(i32, i32)> = Vec::new();
-        let members = layout
+        let members: Vec<Member<L::Scalar>> = layout
             .section_m
             .iter()
             .map(|place| {
@@ -99,8 +122,24 @@ impl<L: Lanes> Transfer<L> {
             });
             offset.push(base(0.0));
         }
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        let mut section_weights = vec![base(0.0); places.len().next_multiple_of(MOST_LANES)];
+        for (index, member) in members.iter().enumerate() {
+            match groups
+                .iter_mut()
+                .find(|group| members[group[0]].nodes == member.nodes)
+            {
+                Some(group) => group.push(index),
+                None => groups.push(vec![index]),
+            }
+            for (&node, &weight) in member.nodes.iter().zip(&member.weights) {
+                section_weights[node as usize] += weight;
+            }
+        }
         Self {
             members,
+            groups,
+            section_weights,
             offsets: offset.chunks(L::COUNT).map(L::load).collect(),
             slices,
             width: places.len().next_multiple_of(MOST_LANES),
@@ -203,15 +242,26 @@ impl<L: Lanes> Transfer<L> {
                 change[..L::COUNT].copy_from_slice(&nodes[length + start..length + start + L::COUNT]);
                 L::transpose(&mut change);
             }
+            // Slices follow each other along the rope, so that three planes at a time stay in registers.
+            let mut at = slices[0].plane * length + start;
+            let mut sums = [
+                L::load(&planes[at..]),
+                L::load(&planes[at + length..]),
+                L::load(&planes[at + 2 * length..]),
+            ];
             for (l, slice) in slices.iter().enumerate() {
-                let at = slice.plane * length + start;
+                while at < slice.plane * length + start {
+                    sums[0].store(&mut planes[at..]);
+                    at += length;
+                    sums = [sums[1], sums[2], L::load(&planes[at + 2 * length..])];
+                }
                 let parts = [value[l] - change[l], value[l], value[l] + change[l]];
                 for i in 0..3 {
-                    let plane = &mut planes[at + i * length..at + i * length + L::COUNT];
-                    parts[i]
-                        .times_plus(L::splat(slice.weights[i]), L::load(plane))
-                        .store(plane);
+                    sums[i] = parts[i].times_plus(L::splat(slice.weights[i]), sums[i]);
                 }
+            }
+            for (i, sum) in sums.into_iter().enumerate() {
+                sum.store(&mut planes[at + i * length..]);
             }
         }
     }
@@ -253,34 +303,84 @@ impl<L: Lanes> Transfer<L> {
         (velocity, rate)
     }
 
-    /// The reverse: adds to the nodes of its slice what a member has to give, a value at its place and
-    /// its change per cell along each axis.
+    /// The reverse: adds to the nodes of the slices of a block what their members give.
     #[inline(always)]
-    pub fn scatter(&self, block: usize, member: usize, value: &Vec3<L>, slope: &Mat3<L>, nodes: &mut [L]) {
-        let link = &self.members[member];
-        let offset = [
-            self.offsets[block],
-            L::splat(link.offset[0]),
-            L::splat(link.offset[1]),
-        ];
-        for a in 0..3 {
-            let (values, moments) = nodes.split_at_mut(3 * self.width);
-            let values = &mut values[a * self.width..(a + 1) * self.width];
-            let moments = &mut moments[a * self.width..(a + 1) * self.width];
-            let [along, side, up] = slope[a];
-            let mut middle = value[a];
-            for b in 0..3 {
-                middle = (-slope[a][b]).times_plus(offset[b], middle);
+    pub fn scatter(&self, block: usize, given: &[Given<L>], nodes: &mut [L]) {
+        for group in &self.groups {
+            for a in 0..3 {
+                self.scatter_component(block, (group, a), given, nodes);
             }
+        }
+    }
+
+    /// One component of what the members of a group give.
+    #[inline(always)]
+    fn scatter_component(
+        &self,
+        block: usize,
+        (group, a): (&[usize], usize),
+        given: &[Given<L>],
+        nodes: &mut [L],
+    ) {
+        let places = &self.members[group[0]].nodes;
+        let (values, moments) = nodes.split_at_mut(3 * self.width);
+        let values = &mut values[a * self.width..(a + 1) * self.width];
+        let moments = &mut moments[a * self.width..(a + 1) * self.width];
+        let (mut sums, mut changes) = ([L::zero(); NODES], [L::zero(); NODES]);
+        for e in 0..NODES {
+            sums[e] = values[places[e] as usize];
+            changes[e] = moments[places[e] as usize];
+        }
+        for &member in group {
+            let link = &self.members[member];
+            let Given { value, slope } = &given[member];
+            let [along, side, up] = slope[a];
+            let mut middle = (-along).times_plus(self.offsets[block], value[a]);
+            middle = (-side).times_plus(L::splat(link.offset[0]), middle);
+            middle = (-up).times_plus(L::splat(link.offset[1]), middle);
             let lines = [middle - side, middle, middle + side];
             for j in 0..3 {
                 let parts = [lines[j] - up, lines[j], lines[j] + up];
                 for k in 0..3 {
-                    let weight = L::splat(link.weights[3 * j + k]);
-                    add_to_node(values, link, 3 * j + k, weight, parts[k]);
-                    add_to_node(moments, link, 3 * j + k, weight, along);
+                    let (e, weight) = (3 * j + k, L::splat(link.weights[3 * j + k]));
+                    sums[e] = parts[k].times_plus(weight, sums[e]);
+                    changes[e] = along.times_plus(weight, changes[e]);
                 }
             }
+        }
+        for e in 0..NODES {
+            values[places[e] as usize] = sums[e];
+            moments[places[e] as usize] = changes[e];
+        }
+    }
+
+    /// The same for one component of the values alone, which do not change from cell to cell; on a row of nodes.
+    #[inline(always)]
+    pub fn scatter_values(&self, a: usize, given: &[Given<L>], row: &mut [L]) {
+        for group in &self.groups {
+            let places = &self.members[group[0]].nodes;
+            let mut sums = [L::zero(); NODES];
+            for e in 0..NODES {
+                sums[e] = row[places[e] as usize];
+            }
+            for &member in group {
+                let value = given[member].value[a];
+                let weights = &self.members[member].weights;
+                for e in 0..NODES {
+                    sums[e] = value.times_plus(L::splat(weights[e]), sums[e]);
+                }
+            }
+            for e in 0..NODES {
+                row[places[e] as usize] = sums[e];
+            }
+        }
+    }
+
+    /// Gives the nodes of a row what all members of a slice give alike.
+    #[inline(always)]
+    pub fn spread(&self, value: L, row: &mut [L]) {
+        for (node, &weight) in row.iter_mut().zip(&self.section_weights) {
+            *node = value * L::splat(weight);
         }
     }
 
@@ -294,25 +394,9 @@ impl<L: Lanes> Transfer<L> {
         }
         sum
     }
-
-    /// Adds a value that is the same everywhere to the nodes of a member's slice.
-    #[inline(always)]
-    pub fn scatter_value(&self, member: usize, value: L, nodes: &mut [L]) {
-        let link = &self.members[member];
-        let values = &mut nodes[..self.width];
-        for entry in 0..NODES {
-            add_to_node(values, link, entry, L::splat(link.weights[entry]), value);
-        }
-    }
 }
 
 #[inline(always)]
 fn node<L: Lanes>(row: &[L], link: &Member<L::Scalar>, entry: usize) -> L {
     row[link.nodes[entry] as usize]
-}
-
-#[inline(always)]
-fn add_to_node<L: Lanes>(row: &mut [L], link: &Member<L::Scalar>, entry: usize, weight: L, value: L) {
-    let node = &mut row[link.nodes[entry] as usize];
-    *node = value.times_plus(weight, *node);
 }

@@ -8,7 +8,7 @@ use super::state::{MassBars, StateCotangent, total};
 use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
-use crate::sim::blocks::{Part, Stepped};
+use crate::sim::blocks::{Blocks, Part, Stepped};
 use crate::sim::clamp::{KEPT, RigidMotion};
 use crate::sim::elastic::Straining;
 use crate::sim::error::SimError;
@@ -18,6 +18,7 @@ use crate::sim::real::Arithmetic;
 use crate::sim::rollout::Setup;
 use crate::sim::sweep::Sweep;
 use crate::sim::tensor::{Mat3, Vec3, zero3};
+use crate::sim::transfer::Given;
 
 /// Runs back over a rollout. `engine` is as the last step left it.
 #[inline(always)]
@@ -249,12 +250,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let dt = F::Plain::<I>::of(dt_s);
         let dt_per_cell = F::Plain::<I>::of(dt_s / self.setup.scene.grid.spacing_m);
         let four = F::Plain::<I>::of(4.0);
-        let transfer = &self.engine.blocks.transfer;
+        let Blocks { transfer, given, .. } = &mut self.engine.blocks;
         for (block, bars) in self.bars.chunks(members).enumerate() {
-            let nodes = &mut self.scratch[..6 * transfer.width];
-            nodes.fill(F::Plain::<I>::zero());
-            for (member, bar) in bars.iter().enumerate() {
-                let (mut value, mut slope) = (bar.velocity, bar.rate);
+            for (Given { value, slope }, bar) in given.iter_mut().zip(bars) {
+                (*value, *slope) = (bar.velocity, bar.rate);
                 for a in 0..3 {
                     value[a] = bar.position[a].times_plus(dt, value[a]);
                     for b in 0..3 {
@@ -262,8 +261,10 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                         slope[a][b] = through_f.times_plus(dt_per_cell, slope[a][b]) * four;
                     }
                 }
-                transfer.scatter(block, member, &value, &slope, nodes);
             }
+            let nodes = &mut self.scratch[..6 * transfer.width];
+            nodes.fill(F::Plain::<I>::zero());
+            transfer.scatter(block, given, nodes);
             transfer.add_to_planes(block, 3, true, nodes, &mut self.node_bars);
         }
     }
