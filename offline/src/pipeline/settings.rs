@@ -40,7 +40,7 @@ impl RunSettings {
             Preset::Quick => Self {
                 preset,
                 cells: crate::sim::scene::MIN_CELLS_PER_DIAMETER,
-                rollouts: 192,
+                rollouts: 256,
                 evaluation: [15, 2],
                 seed,
             },
