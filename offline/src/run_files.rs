@@ -247,7 +247,8 @@ impl RunFolder {
         self.path.join("model.toml")
     }
 
-    /// Folder of rollouts: `0` holds the random design, `n` the answers of the policy in round n.
+    /// Folder of rollouts: `0` is for the random design, `n` for the answers of the policy in round n; each holds a folder
+    /// per plan and model.
     pub fn rollouts(&self, round: usize) -> PathBuf {
         self.path.join("rollouts").join(round.to_string())
     }

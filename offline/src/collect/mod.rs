@@ -47,7 +47,7 @@ pub struct Watch<'a> {
     pub stop: &'a AtomicBool,
 }
 
-/// Swings all `samples` and keeps the rows in `folder`. Shards already there are read, not made again;
+/// Swings all `samples` and keeps the rows under `folder`. Shards already there are read, not made again;
 /// `model` is the content hash of what swings, so that rollouts of two models never mix.
 pub fn collect(
     samples: &[Sample],
@@ -155,14 +155,29 @@ mod tests {
     use super::stand_in::{DoublePendulum, design, unwatched};
     use super::*;
     use std::fs;
+    use std::path::PathBuf;
 
     fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.expect("threads can be made").install(work)
     }
 
+    /// The folders of shards under one.
+    fn plans(folder: &Path) -> Vec<PathBuf> {
+        let entries = fs::read_dir(folder).unwrap();
+        entries.map(|entry| entry.unwrap().path()).collect()
+    }
+
+    /// The shards of the only plan under a folder.
+    fn only_plan(folder: &Path) -> PathBuf {
+        let [plan] = &plans(folder)[..] else {
+            panic!("one plan in {}", folder.display());
+        };
+        plan.clone()
+    }
+
     fn bytes(folder: &Path) -> Vec<(String, Vec<u8>)> {
-        let mut files: Vec<_> = fs::read_dir(folder)
+        let mut files: Vec<_> = fs::read_dir(only_plan(folder))
             .unwrap()
             .map(|entry| entry.unwrap().path())
             .map(|path| (path.display().to_string(), fs::read(&path).unwrap()))
@@ -182,7 +197,7 @@ mod tests {
         let before = bytes(folder.path());
         assert_eq!(before.len(), 5);
         for shard in [0, 3] {
-            fs::remove_file(folder.path().join(format!("shard_{shard:05}.bin"))).unwrap();
+            fs::remove_file(only_plan(folder.path()).join(format!("shard_{shard:05}.bin"))).unwrap();
         }
         let resumed = with_threads(2, || {
             collect(&samples, &DoublePendulum, folder.path(), 7, unwatched())
@@ -198,22 +213,44 @@ mod tests {
         assert_eq!(two.hash(), one.hash());
     }
 
+    /// What a second seed, preset or version of the program makes in a run's folder leaves the first one's rollouts there.
     #[test]
-    fn another_plan_another_model_and_damage_are_refused() {
+    fn another_plan_and_another_model_have_folders_of_their_own() {
         let samples = design(40).samples();
         let folder = tempfile::tempdir().unwrap();
-        collect(&samples, &DoublePendulum, folder.path(), 7, unwatched()).unwrap();
-        let refused = |samples: &[Sample], model| {
-            let result = collect(samples, &DoublePendulum, folder.path(), model, unwatched());
-            format!("{:#}", result.unwrap_err())
+        let collected = |samples: &[Sample], swinger: &dyn Swinger, model| {
+            collect(samples, swinger, folder.path(), model, unwatched()).unwrap()
         };
-        assert!(refused(&samples, 8).contains("another plan or model"));
-        assert!(refused(&samples[..39], 7).contains("another plan or model"));
-        let shard = folder.path().join("shard_00001.bin");
-        let mut content = fs::read(&shard).unwrap();
-        content[30] ^= 1;
-        fs::write(&shard, content).unwrap();
-        assert!(refused(&samples, 7).contains("shard_00001.bin is damaged"));
+        let first = collected(&samples, &DoublePendulum, 7);
+        let fewer = collected(&samples[..39], &DoublePendulum, 7);
+        assert_eq!(fewer.rows[..], first.rows[..39]);
+        let fussy = collected(&samples, &Fussy, 8);
+        assert_ne!(fussy, first);
+        assert_eq!(plans(folder.path()).len(), 3);
+        // Found on disk, whoever would swing them now.
+        assert_eq!(collected(&samples, &Fussy, 7), first);
+        assert_eq!(collected(&samples, &DoublePendulum, 8), fussy);
+    }
+
+    #[test]
+    fn damage_is_refused() {
+        let samples = design(40).samples();
+        let folder = tempfile::tempdir().unwrap();
+        let collected = || collect(&samples, &DoublePendulum, folder.path(), 7, unwatched());
+        collected().unwrap();
+        let damage = |file: &str, at: usize| {
+            let path = only_plan(folder.path()).join(file);
+            let whole = fs::read(&path).unwrap();
+            let mut content = whole.clone();
+            content[at] ^= 1;
+            fs::write(&path, content).unwrap();
+            let refusal = format!("{:#}", collected().unwrap_err());
+            fs::write(&path, whole).unwrap();
+            refusal
+        };
+        assert!(damage("shard_00001.bin", 30).contains("shard_00001.bin is damaged"));
+        assert!(damage("manifest.json", 0).contains("manifest.json is damaged"));
+        collected().unwrap();
     }
 
     /// Refuses every fourth sample, in one of two ways.

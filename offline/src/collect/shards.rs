@@ -1,5 +1,5 @@
-//! Rollouts on disk: shards of a fixed number of rows, each whole or absent, behind a manifest that
-//! refuses to mix two plans. A killed run goes on with the shards that are missing.
+//! Rollouts on disk: shards of a fixed number of rows, each whole or absent. Every plan and model has a folder of its
+//! own, so that two never mix and none is lost for another. A killed run goes on with the shards that are missing.
 
 use super::design::Sample;
 use super::rows::{Row, sample_bits};
@@ -28,22 +28,36 @@ struct Manifest {
     shard_rows: usize,
 }
 
-/// A folder of shards for one plan.
+impl Manifest {
+    /// Name of the folder of such rollouts.
+    fn name(&self) -> String {
+        let mut hash = Fnv64::default();
+        for number in [self.plan, self.model, self.shard_rows as u64] {
+            hash.add(&number.to_le_bytes());
+        }
+        format!("{:016x}", hash.value())
+    }
+}
+
+/// A folder of shards for one plan and model.
 #[derive(Clone, Debug)]
 pub struct Shards {
     folder: PathBuf,
 }
 
 impl Shards {
-    /// The shards of `samples` swung by the model with content hash `model`. A folder that holds
-    /// another plan or model is an error.
-    pub fn open(folder: &Path, samples: &[Sample], model: u64) -> anyhow::Result<Self> {
+    /// The shards of `samples` swung by the model with content hash `model`, in a folder under `parent`.
+    ///
+    /// # Errors
+    /// That folder is damaged, or cannot be made.
+    pub fn open(parent: &Path, samples: &[Sample], model: u64) -> anyhow::Result<Self> {
         let manifest = Manifest {
             plan: plan_hash(samples),
             model,
             rollouts: samples.len(),
             shard_rows: SHARD_ROWS,
         };
+        let folder = parent.join(manifest.name());
         let path = folder.join("manifest.json");
         if path.exists() {
             let bytes = read_whole(&path)?;
@@ -55,15 +69,13 @@ impl Shards {
             })?;
             anyhow::ensure!(
                 found == manifest,
-                "{} holds rollouts of another plan or model: choose another run folder or delete that one",
+                "{} does not hold what its name says: delete it to collect again",
                 folder.display()
             );
         } else {
             write_whole(&path, &serde_json::to_vec_pretty(&manifest)?)?;
         }
-        Ok(Self {
-            folder: folder.to_path_buf(),
-        })
+        Ok(Self { folder })
     }
 
     /// The rows of shard `number` if it is there; a shard that is damaged is an error.

@@ -63,7 +63,9 @@ fn training_repeats_exactly_and_resumes_from_the_rollouts_on_disk() {
     assert!(Trained::load(&run).unwrap() == first, "the saved policy differs");
     let saved = std::fs::read(run.weights()).unwrap();
     std::fs::remove_file(run.weights()).unwrap();
-    std::fs::remove_file(run.rollouts(1).join("shard_00000.bin")).unwrap();
+    for plan in std::fs::read_dir(run.rollouts(1)).unwrap() {
+        std::fs::remove_file(plan.unwrap().path().join("shard_00000.bin")).unwrap();
+    }
     trained_in(one.path(), &settings);
     assert!(
         std::fs::read(run.weights()).unwrap() == saved,
