@@ -2,7 +2,8 @@
 //! more easily than a solid, a stiff sheath makes a rope bend less. Axial stiffness stays E A.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
-use crate::sim::physics::{BendingLaw, BendingPoint};
+use crate::sim::physics::BendingLaw;
+use crate::sim::rope::RopeLayout;
 use crate::sim::{Physics, Real};
 
 /// What the effect is.
@@ -32,7 +33,7 @@ struct BendingRatio<T> {
 }
 
 impl<T: Real> BendingLaw<T> for BendingRatio<T> {
-    fn change_stiffness(&self, _point: &BendingPoint<T>, stiffness: &mut [T]) {
+    fn change_stiffness(&self, _layout: &RopeLayout, stiffness: &mut [T]) {
         for slice in stiffness {
             *slice = *slice * self.ratio;
         }

@@ -29,7 +29,7 @@
 //! | the mass | `mass_laws` | masses of the particles |
 //! | where a grip is | `path_laws` | real pose minus recorded pose |
 //! | what is seen | `observation_laws` | shift of the clock, displacement of a point |
-//! | a coefficient | none: it changes gravity, friction, the release delay or the grip's angle in place | |
+//! | a coefficient | none: it changes gravity, friction, the release delay, the grip's angle or its pads in place | |
 //!
 //! Where the slope at the vanishing value is none or useless, the parameter says so ([`Slope`]), and fit
 //! and score take a secant of the smallest size of interest. The laws that every effect must obey

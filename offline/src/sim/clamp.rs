@@ -3,7 +3,7 @@
 //! Each gripped particle is pulled to its place in the rigid motion of the clamp by a spring as stiff as
 //! the rope itself ([`STIFFNESS`]), integrated implicitly on the grid. Being tied to particles, hence to the
 //! material, the clamp does not depend on how it lies relative to grid nodes; being a spring to a
-//! *place*, it neither creeps nor hinges, which velocity constraints do.
+//! *place*, it neither creeps nor hinges, which velocity constraints do. Pads that give turn these places ([`super::pads`]).
 //!
 //! A spring acts on what its particle does, and on next to nothing else ([`KEPT`]). The nodes' implicit update
 //! alone would ask every node for the velocity gap/dt: it would also hold back nodes whose particles stand

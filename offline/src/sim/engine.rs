@@ -24,11 +24,11 @@ pub(super) trait Engine<T> {
         material: Material<T>,
     ) -> Self;
     /// Moves the particles with the nodes, which completes a step, and sums up the next one at the nodes.
-    /// `decay` multiplies every velocity in the next step.
+    /// `decay` multiplies every velocity in the next step; pads that give turn `motions`, those of the grips in it.
     fn sweep(
         &mut self,
         context: &StepContext<T>,
-        motions: &[Option<RigidMotion<T>>],
+        motions: &mut [Option<RigidMotion<T>>],
         decay: f64,
     ) -> Result<(), Cause>;
     /// Adds the momentum that forces per length, N/m, give in the step at hand to particles that stand
@@ -52,6 +52,14 @@ pub(super) trait Engine<T> {
     fn slice_x(&self, slice: usize) -> T;
     /// A member of a slice and its velocity, m and m/s.
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
+    /// Where a member of a slice will be if it goes on for a time, m.
+    fn place_after(&self, [slice, member]: [usize; 2], dt_s: f64) -> Vec3<T>
+    where
+        T: Real,
+    {
+        let (position_m, velocity_m_s) = self.member(slice, member);
+        add(position_m, scaled(velocity_m_s, dt_s))
+    }
     /// Where a member of a slice is.
     fn placed(&self, slice: usize, member: usize) -> Placed;
 }
@@ -83,10 +91,13 @@ impl<T: Real> Engine<T> for OneByOne<T> {
     fn sweep(
         &mut self,
         context: &StepContext<T>,
-        motions: &[Option<RigidMotion<T>>],
+        motions: &mut [Option<RigidMotion<T>>],
         decay: f64,
     ) -> Result<(), Cause> {
         grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
+        if let Some(pads) = &context.pads {
+            pads.turn(motions, |place| self.place_after(place, context.dt_s));
+        }
         particles_to_grid(
             &self.particles,
             &mut self.material,

@@ -9,8 +9,7 @@
 //! **Bending stiffness.** With F̄ the mean of F A over a slice's particles, the slice's energy becomes the mean
 //! of c ψ(F A) + (1 − c) ψ(F̄): what the particles have in common, stretch and shear, keeps its
 //! stiffness, and what differs over the section, bending and twist, has c times as much. It scales
-//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not. What is soft
-//! beside a clamp bends over less than its length in either form (`effects/clamp_compliance.rs`). F̄ turns with the
+//! what the grid makes of bending, error included, which adding (c − 1) E I κ²/2 does not. F̄ turns with the
 //! rope, so it is invariant.
 //!
 //! **Memory.** Laws whose stress follows the rate of strain with a delay keep a tensor per particle in
@@ -18,7 +17,7 @@
 
 use super::axial;
 use super::elastic::{Lame, energy_density, isotropic, piola_stress, strain_rate_twice};
-use super::physics::{BendingPoint, Mouth, Physics};
+use super::physics::Physics;
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::tensor::{Mat3, det, identity, matadd, matmul, matmul_transposed, mul, zero3};
@@ -44,7 +43,7 @@ pub type Motion<'a, T> = (&'a Mat3<T>, &'a Mat3<T>);
 
 impl<T: Real> Material<T> {
     /// The material before the first step.
-    pub fn new(physics: &Physics<T>, layout: &RopeLayout, mouths: &[Mouth]) -> Self {
+    pub fn new(physics: &Physics<T>, layout: &RopeLayout) -> Self {
         let count = layout.particles();
         let blank = || vec![[zero3(); 3]; count];
         let mut material = Self {
@@ -58,17 +57,9 @@ impl<T: Real> Material<T> {
             material.natural_inverse = natural_inverse(physics, layout);
         }
         if !physics.bending_laws.is_empty() {
-            let radius = 0.5 * layout.shape.diameter_m;
-            let point = BendingPoint {
-                layout,
-                mouths,
-                solid_n_m2: physics
-                    .young_pa
-                    .scale(std::f64::consts::FRAC_PI_4 * radius.powi(4)),
-            };
             material.bending = vec![T::one(); layout.slices.len()];
             for law in &physics.bending_laws {
-                law.change_stiffness(&point, &mut material.bending);
+                law.change_stiffness(layout, &mut material.bending);
             }
             material.common_pa = vec![[zero3(); 3]; layout.slices.len()];
         }

@@ -68,7 +68,7 @@
 //!
 //! Laws that change the material run in registers too (`block_material.rs`). Beside a plain rollout's 12 to 24, ns per
 //! particle and step of a rope of 564 particles with one law at a twentieth of its range, against one by one (loaded
-//! machine, by turns): rest curvature, bending ratio and giving clamp 13 against 113 to 121, internal damping 17
+//! machine, by turns): rest curvature and bending ratio 13 against 113 to 121, internal damping 17
 //! against 142; with four tangents 82 to 97 against 740 to 940. A diagnosis that refits them (a curved rope, one
 //! thread) went from 120 to 28 s. Drag and wind, asked once per slice, cost 34 against 141, stiffening 31 against 142,
 //! where a plain rollout cost 28 (AVX2); with four tangents 164 to 179 against 780 to 800, plain 152. Plastic flow
@@ -112,7 +112,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 3;
+pub const REVISION: u32 = 4;
 
 pub mod adjoint;
 pub mod axial;
@@ -135,6 +135,7 @@ mod laws;
 pub mod legs;
 pub mod material;
 mod nodes;
+pub mod pads;
 pub mod physics;
 mod props;
 pub mod real;
@@ -142,6 +143,7 @@ pub mod rest;
 pub mod rollout;
 pub mod rope;
 pub mod scene;
+pub mod softness;
 pub mod start;
 pub mod statics;
 pub mod step;

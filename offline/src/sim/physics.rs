@@ -17,25 +17,6 @@ pub const LOSS: f64 = 0.2;
 /// A pose as seven numbers: position (m) and quaternion (x, y, z, w).
 pub type Pose<T> = [T; 7];
 
-/// What a bending law may know of the rope.
-pub struct BendingPoint<'a, T> {
-    /// The slices and their section.
-    pub layout: &'a RopeLayout,
-    /// Where closed grips end and the free rope begins.
-    pub mouths: &'a [Mouth],
-    /// Bending stiffness E I of the solid section, N m².
-    pub solid_n_m2: T,
-}
-
-/// Where the rope leaves a grip.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mouth {
-    /// Arc length, m.
-    pub arc_m: f64,
-    /// +1 where the free rope lies at larger arc lengths, −1 where at smaller ones.
-    pub outwards: f64,
-}
-
 /// State of a piece of rope that a force law may use: the mean over the particles of a slice. Such laws know the
 /// slender rope, not the places in its section.
 pub struct ForcePoint<T> {
@@ -180,7 +161,7 @@ impl<T: Real> ShapeLaw<T> for Rolled<T> {
 pub trait BendingLaw<T: Real>: Send + Sync {
     /// Changes the bending stiffness of every slice, as a multiple of the solid section's, in place;
     /// called once before the first step.
-    fn change_stiffness(&self, point: &BendingPoint<T>, stiffness: &mut [T]);
+    fn change_stiffness(&self, layout: &RopeLayout, stiffness: &mut [T]);
 }
 
 /// A permanent change of the stress-free shape.
@@ -257,6 +238,8 @@ pub struct Physics<T> {
     /// How far off its recorded direction the first grip holds a rope that hangs, toward (side, up) of the rope's first
     /// frame in it: tangents of half the angles. Nothing where no effect says so.
     pub grip_tilt: Option<[T; 2]>,
+    /// By how much the pads of every grip let the rope turn with its moment, rad/(N m).
+    pub grip_compliance: Option<T>,
     /// Retardation time of the material over the time that a pressure wave takes across the rope. It
     /// damps every rope alike, whatever its stiffness and its grid, and hardly what cameras see.
     pub loss: f64,
@@ -294,6 +277,7 @@ impl<T: Real> Physics<T> {
             friction,
             release_delay_s: T::zero(),
             grip_tilt: None,
+            grip_compliance: None,
             loss: LOSS,
             axial_laws: Vec::new(),
             memory_laws: Vec::new(),

@@ -167,11 +167,11 @@ impl<T: Real> Statics<'_, T> {
 
     /// The same, and whether it took props.
     fn search(&self, pose: &Pose) -> Result<(Nodes<T>, bool), Cause> {
-        let clamps = &self.held(pose.t_s)[..];
+        let motions = &self.motions(pose.t_s);
         let pins = &self.pin_rows(&pose.pins)[..];
         let props = OnceCell::new();
         let hold = |propped: bool| Hold {
-            clamps,
+            motions,
             pins,
             props: propped.then(|| props.get_or_init(|| Props::new(self))),
         };
@@ -267,9 +267,9 @@ pub fn rest_near(scene: &Scene, physics: &Physics<f64>, t_s: f64) -> Result<Vec<
         panic!("the scene says where its particles are");
     };
     let statics = Statics::new(scene, physics);
-    let held = statics.held(t_s);
+    let motions = statics.motions(t_s);
     let hold = Hold {
-        clamps: &held,
+        motions: &motions,
         pins: &[],
         props: None,
     };

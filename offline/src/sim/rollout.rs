@@ -9,7 +9,7 @@ use super::lanes::{Avx2, Avx512};
 use super::lanes::{Laned, Portable};
 use super::legs::{Placed, placed};
 use super::material::Material;
-use super::physics::{Mouth, Physics, Pose};
+use super::physics::{Physics, Pose};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene, require};
@@ -19,7 +19,6 @@ use super::sweep::Sweep;
 use super::tensor::{Mat3, Vec3, add, rotation_of_rodrigues, scaled, sub};
 use super::time_step::time_step_s;
 use super::track::Track;
-use crate::demo::RopeEnd;
 
 /// What a simulation returns.
 #[derive(Clone, Debug)]
@@ -144,8 +143,8 @@ fn run<T: Real, E: Engine<T>>(
     let mut recorder = Recorder::new(scene);
     let mut state = 0;
     while state <= setup.steps {
-        let motions = setup.motions(state);
-        setup.sweep(&mut engine, state, &motions)?;
+        let mut motions = setup.motions(state);
+        setup.sweep(&mut engine, state, &mut motions)?;
         recorder.record(&engine, state, &setup);
         if state < setup.steps {
             setup.update_nodes(&mut engine, state);
@@ -183,13 +182,14 @@ impl<'a, T: Real> Setup<'a, T> {
         let late_s = (-physics.clock_offset_s().value()).max(0.0);
         // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
-        let material = Material::new(physics, &layout, &mouths(scene));
+        let material = Material::new(physics, &layout);
         let rest = material.least_rest_volume();
         if rest.is_nan() || rest <= LEAST_REST_VOLUME {
             return Err(SimError::at_start(Cause::BentAtRest { volume: rest }));
         }
         let masses_kg = masses_kg(scene, physics, &layout);
         let context = StepContext::new(scene, physics, dt_s, layout.section_m.len());
+        let context = context.with_pads(scene, &layout, &masses_kg);
         let share = 1.0 / context.section as f64;
         Ok(Self {
             scene,
@@ -287,13 +287,13 @@ impl<'a, T: Real> Setup<'a, T> {
     }
 
     /// Ends step `state` − 1 and begins step `state`, up to the update of the nodes; looks now and then
-    /// for runaway particles, because an instability takes many steps to grow, and at the last state.
+    /// for runaway particles, because an instability takes many steps to grow, and at the last state. Pads turn the motions.
     #[inline(always)]
     pub(super) fn sweep<E: Engine<T>>(
         &self,
         engine: &mut E,
         state: usize,
-        motions: &[Option<RigidMotion<T>>],
+        motions: &mut [Option<RigidMotion<T>>],
     ) -> Result<(), SimError> {
         engine
             .sweep(&self.context, motions, self.decay(state))
@@ -383,15 +383,6 @@ pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayo
         law.change_masses_kg(layout, &mut masses);
     }
     masses
-}
-
-/// Where the scene's grips end.
-pub fn mouths(scene: &Scene) -> Vec<Mouth> {
-    let mouth = |(grip, arc_m): (&Grip, f64)| Mouth {
-        arc_m,
-        outwards: if grip.end == RopeEnd::Start { 1.0 } else { -1.0 },
-    };
-    scene.grips.iter().zip(scene.edges_m()).map(mouth).collect()
 }
 
 fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {

@@ -166,15 +166,30 @@ impl Scene {
             RopeEnd::Start => s <= grip.length_m,
             RopeEnd::End => length_m - s <= grip.length_m,
         })?;
+        Some((index, self.offset_in(index, material_m)))
+    }
+
+    /// Where the rope leaves each grip, and its end in there, relative to the first pose of the grip, m.
+    pub(super) fn hinges_m(&self) -> Vec<[[f64; 3]; 2]> {
+        let hinge = |(index, mouth_m): (usize, f64)| {
+            let outer_m = match self.grips[index].end {
+                RopeEnd::Start => 0.0,
+                RopeEnd::End => self.rope.length_m,
+            };
+            [mouth_m, outer_m].map(|s| self.offset_in(index, [s, 0.0, 0.0]))
+        };
+        self.edges_m().into_iter().enumerate().map(hinge).collect()
+    }
+
+    fn offset_in(&self, index: usize, material_m: [f64; 3]) -> [f64; 3] {
         let grip = &self.grips[index];
-        let offset = match self.start.hang() {
-            Some(hang) => hang.grip_offset(index, grip, length_m, material_m),
+        match self.start.hang() {
+            Some(hang) => hang.grip_offset(index, grip, self.rope.length_m, material_m),
             None => sub(
                 self.straight_m(material_m),
                 position_of(&grip.path.knots()[0].pose),
             ),
-        };
-        Some((index, offset))
+        }
     }
 
     /// Where a point of the straight rope with undeformed coordinates (s, side, up) lies, m.

@@ -13,20 +13,23 @@
 
 use super::axial::axis;
 use super::band::{Band, Factor};
+use super::clamp::RigidMotion;
 use super::curve::Curve;
 use super::elastic::Lame;
 use super::error::Cause;
 use super::grid::{Grid, STENCIL};
 use super::material::Material;
+use super::pads::Pads;
 use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::props::Props;
 use super::real::Real;
 use super::rest::Near;
-use super::rollout::{grip_motions, masses_kg, mouths};
+use super::rollout::{grip_motions, masses_kg};
 use super::rope::RopeLayout;
 use super::scene::Scene;
+use super::softness::Softness;
 use super::stiffness::{Common, add_spring, add_stiffness, stress_slope};
-use super::tensor::{Mat3, Vec3, add, det, matmul, mul, scaled, sub, zero3};
+use super::tensor::{Mat3, Vec3, add, cross, det, matmul, mul, scaled, sub, zero3};
 use std::collections::BTreeMap;
 
 /// A spring that pulls the rope's axis to a point where it was seen.
@@ -74,20 +77,24 @@ pub struct Statics<'a, T: Real> {
     material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s², that of the rollout.
     clamp_per_kg: T,
+    /// The grips' pads, where they give.
+    pads: Option<Pads<T>>,
+    /// The grip that may hold each particle, and where it belongs in it.
+    gripped: Vec<Option<(usize, [f64; 3])>>,
     /// Place of each node in the matrix, along the rope.
     place: Vec<usize>,
     band: usize,
 }
 
-/// Where the clamps want a particle, m; none where it is free.
-pub(super) type Held<T> = Option<Vec3<T>>;
+/// Where each grip stands that is closed.
+pub(super) type Motions<T> = Vec<Option<RigidMotion<T>>>;
 /// A pin as a row of node weights.
 pub(super) type PinRow = (Pin, Vec<(usize, f64)>);
 
 /// What holds a rope besides its own forces.
 pub(super) struct Hold<'a, T> {
-    /// Where the clamps want each particle.
-    pub(super) clamps: &'a [Held<T>],
+    /// Where the closed grips stand, as recorded.
+    pub(super) motions: &'a Motions<T>,
     pub(super) pins: &'a [PinRow],
     pub(super) props: Option<&'a Props<T>>,
 }
@@ -96,6 +103,8 @@ pub(super) struct Hold<'a, T> {
 pub(super) struct Matrices {
     tangent: Band,
     factor: Factor,
+    /// What the grips' pads take from the stiffness of their springs; none where they do not give.
+    softness: Option<Softness>,
     /// Masses of the nodes, kg, by their place in the matrices.
     mass_kg: Vec<f64>,
 }
@@ -119,8 +128,14 @@ impl<'a, T: Real> Statics<'a, T> {
         let values: Vec<f64> = masses_kg.iter().map(|m| m.value()).collect();
         let grid = Grid::<f64>::new(&layout, scene.grid, &values);
         let lame = physics.lame();
-        let material = Material::new(physics, &layout, &mouths(scene));
+        let material = Material::new(physics, &layout);
+        let clamp_per_kg = scene.clamp_per_kg(physics.young_pa);
+        let particles = 0..layout.particles();
         let mut statics = Self {
+            pads: Pads::new(scene, physics, (&layout, &masses_kg), clamp_per_kg),
+            gripped: particles
+                .map(|p| scene.grip_offset(layout.material_m(p)))
+                .collect(),
             scene,
             physics,
             layout,
@@ -128,7 +143,7 @@ impl<'a, T: Real> Statics<'a, T> {
             masses_kg,
             lame,
             material,
-            clamp_per_kg: scene.clamp_per_kg(physics.young_pa),
+            clamp_per_kg,
             place: Vec::new(),
             band: 0,
         };
@@ -174,9 +189,10 @@ impl<'a, T: Real> Statics<'a, T> {
     /// Force of each grip on the rope, N.
     pub fn grip_forces_n(&self, nodes: &[Vec3<T>], pose: &Pose) -> Vec<Vec3<T>> {
         let mut forces = vec![zero3(); self.scene.grips.len()];
-        for (p, target) in self.held(pose.t_s).into_iter().enumerate() {
-            let grip = self.scene.grip_offset(self.layout.material_m(p));
-            if let (Some(target), Some((grip, _))) = (target, grip) {
+        let motions = self.turned(&self.motions(pose.t_s), |p| self.particle(nodes, p).0);
+        for (p, gripped) in self.gripped.iter().enumerate() {
+            if let Some(target) = self.target(&motions, p) {
+                let grip = gripped.map_or(0, |(grip, _)| grip);
                 let spring = self.masses_kg[p] * self.clamp_per_kg;
                 let gap = sub(target, self.particle(nodes, p).0);
                 forces[grip] = add(forces[grip], mul(gap, spring));
@@ -190,15 +206,25 @@ impl<'a, T: Real> Statics<'a, T> {
         (-self.physics.gravity_m_s2[2].value()).max(1.0) / self.scene.rope.length_m
     }
 
-    /// Where the clamps want each gripped particle.
-    pub(super) fn held(&self, t_s: f64) -> Vec<Held<T>> {
-        let motions = grip_motions(self.scene, self.physics, t_s, 0.0);
-        (0..self.layout.particles())
-            .map(|p| {
-                let (grip, offset_m) = self.scene.grip_offset(self.layout.material_m(p))?;
-                motions[grip].as_ref().map(|motion| motion.place(offset_m))
-            })
-            .collect()
+    /// Where the closed grips stand at a time, as recorded.
+    pub(super) fn motions(&self, t_s: f64) -> Motions<T> {
+        grip_motions(self.scene, self.physics, t_s, 0.0)
+    }
+
+    /// The same as pads let them turn that hold particles in these places, m.
+    fn turned(&self, motions: &Motions<T>, place_m: impl Fn(usize) -> Vec3<T>) -> Motions<T> {
+        let mut turned = motions.clone();
+        if let Some(pads) = &self.pads {
+            let members = self.layout.section_m.len();
+            pads.turn(&mut turned, |[slice, member]| place_m(slice * members + member));
+        }
+        turned
+    }
+
+    /// Where the grips want a particle, m; none where it is free.
+    fn target(&self, motions: &Motions<T>, particle: usize) -> Option<Vec3<T>> {
+        let (grip, offset_m) = self.gripped[particle]?;
+        motions[grip].as_ref().map(|motion| motion.place(offset_m))
     }
 
     /// Each pin as a row of node weights.
@@ -231,6 +257,7 @@ impl<'a, T: Real> Statics<'a, T> {
             .collect();
         let mut material = self.material.clone();
         material.rest(self.physics, |p| &particles[p].1);
+        let motions = self.turned(hold.motions, |p| particles[p].0);
         let section = self.layout.section_m.len();
         let mut pushed = zero3();
         for (p, link) in self.grid.links.iter().enumerate() {
@@ -242,7 +269,7 @@ impl<'a, T: Real> Statics<'a, T> {
             let stress = self.stress(&material, p, &f)?;
             let volume = self.layout.particle_volume_m3(p);
             let mut body = add(mul(self.physics.gravity_m_s2, mass), pushed);
-            if let Some(target) = hold.clamps[p] {
+            if let Some(target) = self.target(&motions, p) {
                 let spring = mass * self.clamp_per_kg;
                 body = add(body, mul(sub(target, x), spring));
             }
@@ -313,6 +340,7 @@ impl<'a, T: Real> Statics<'a, T> {
         Matrices {
             tangent: Band::new(size, self.band),
             factor: Factor::new(size, self.band),
+            softness: None,
             mass_kg,
         }
     }
@@ -329,17 +357,45 @@ impl<'a, T: Real> Statics<'a, T> {
         let Matrices {
             tangent,
             factor,
+            softness,
             mass_kg,
         } = matrices;
         self.fill_tangent(tangent, nodes, hold);
         while inertia.is_finite() {
             let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
             if factor.factorise(tangent, more) {
+                *softness = self.softness(factor, nodes, hold);
                 return Ok(());
             }
             *inertia = (4.0 * *inertia).max(inertia_least);
         }
         Err(Cause::NonFinite { particle: 0 })
+    }
+
+    /// What the grips' pads take from the stiffness of their springs.
+    fn softness(&self, factor: &Factor, nodes: &[Vec3<T>], hold: &Hold<T>) -> Option<Softness> {
+        let pads = self.pads.as_ref()?;
+        let motions = self.turned(hold.motions, |p| self.particle(nodes, p).0);
+        let members = self.layout.section_m.len();
+        let mut slopes = Vec::new();
+        for slope in pads.slopes(&motions) {
+            // Forces at the nodes per turn of a grip about each axis, N/rad.
+            let mut pulls = [0, 1, 2].map(|_| vec![0.0; 3 * nodes.len()]);
+            for ([slice, member], arm_m, spring_n_m) in slope.held {
+                let link = &self.grid.links[slice * members + member];
+                for (slot, weight) in link.slots.iter().zip(&link.weights) {
+                    for (axis, pull) in pulls.iter_mut().enumerate() {
+                        let mut turn = zero3();
+                        turn[axis] = spring_n_m * weight;
+                        for (k, force) in cross(turn, arm_m).into_iter().enumerate() {
+                            pull[3 * self.place[*slot as usize] + k] += force;
+                        }
+                    }
+                }
+            }
+            slopes.push((slope.turn_per_torque, pulls));
+        }
+        Some(Softness::new(factor, slopes))
     }
 
     fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], hold: &Hold<T>) {
@@ -371,7 +427,7 @@ impl<'a, T: Real> Statics<'a, T> {
                     common.add(&elastic, &at, &gradients, 1.0 / members as f64);
                     common.volume_m3 += (1.0 - bending) * volume;
                 }
-                if hold.clamps[p].is_some() {
+                if self.target(hold.motions, p).is_some() {
                     let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
                     add_spring(matrix, (&at, &link.weights), 0..3, spring);
                 }
@@ -400,7 +456,7 @@ impl<'a, T: Real> Statics<'a, T> {
         matrices: &Matrices,
         forces: &[Vec3<T>],
     ) -> Advance<T> {
-        let step = self.newton_step(&matrices.factor, forces);
+        let step = self.newton_step(matrices, forces);
         let share = self.admissible_share(nodes, &step);
         for (node, change) in nodes.iter_mut().zip(&step) {
             *node = add(*node, scaled(*change, share));
@@ -410,7 +466,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Solves for value and tangents alike, in double precision.
-    fn newton_step(&self, factor: &Factor, forces: &[Vec3<T>]) -> Nodes<T> {
+    fn newton_step(&self, matrices: &Matrices, forces: &[Vec3<T>]) -> Nodes<T> {
         let size = 3 * forces.len();
         let lanes: Vec<Vec<f64>> = (0..=T::TANGENTS)
             .map(|lane| {
@@ -423,7 +479,10 @@ impl<'a, T: Real> Statics<'a, T> {
                         };
                     }
                 }
-                factor.solve(&mut x);
+                matrices.factor.solve(&mut x);
+                if let Some(softness) = &matrices.softness {
+                    softness.correct(&mut x);
+                }
                 x
             })
             .collect();

@@ -7,8 +7,10 @@ use super::elastic::{Lame, Straining};
 use super::error::Cause;
 use super::grid::{Grid, Link, STENCIL};
 use super::material::{Material, Motion};
+use super::pads::Pads;
 use super::physics::{ForcePoint, Physics, SliceMotion};
 use super::real::{Arithmetic, Real};
+use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::tensor::{Mat3, Vec3, add, mul, scaled, select3, sub, zero3};
 
@@ -59,6 +61,8 @@ pub struct StepContext<'a, T> {
     pub clamp_stiffness: T,
     /// The table.
     pub table: Option<Contact>,
+    /// The grips' pads, where they give; none before [`Self::with_pads`].
+    pub pads: Option<Pads<T>>,
     /// Particles per slice.
     pub section: usize,
 }
@@ -81,8 +85,15 @@ impl<'a, T: Real> StepContext<'a, T> {
             diameter_m: scene.rope.diameter_m,
             clamp_stiffness: scene.clamp_per_kg(physics.young_pa).scale(dt_s * dt_s),
             table: Contact::of(scene, section),
+            pads: None,
             section,
         }
+    }
+
+    /// The same with the grips' pads, where they give.
+    pub fn with_pads(self, scene: &Scene, layout: &RopeLayout, masses_kg: &[T]) -> Self {
+        let pads = Pads::new(scene, self.physics, (layout, masses_kg), self.clamp_per_kg());
+        Self { pads, ..self }
     }
 
     /// Stiffness of a clamp's spring over its particle's mass, 1/s².
@@ -404,7 +415,7 @@ pub(super) fn field_of_nodes<T: Real>(
 mod tests {
     use super::*;
     use crate::sim::initial_particles;
-    use crate::sim::rollout::{masses_kg, mouths};
+    use crate::sim::rollout::masses_kg;
     use crate::sim::rope::RopeShape;
     use crate::sim::tensor::dot;
     use crate::sim::time_step::fastest_pa;
@@ -423,7 +434,7 @@ mod tests {
         let masses = masses_kg(&scene, &physics, &layout);
         let still = initial_particles(&scene, &layout, &masses);
         let mut grid = Grid::new(&layout, scene.grid, &masses);
-        let mut material = Material::new(&physics, &layout, &mouths(&scene));
+        let mut material = Material::new(&physics, &layout);
         let context = StepContext::new(&scene, &physics, 1.0, layout.section_m.len());
         let mut field: Vec<Vec3<f64>> = (0..grid.mass_kg.len())
             .map(|i| [7919, 104_729, 1_299_709].map(|prime| ((i * prime) % 101) as f64 - 50.0))

@@ -189,7 +189,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
     fn sweep(
         &mut self,
         context: &StepContext<T>,
-        motions: &[Option<RigidMotion<T>>],
+        motions: &mut [Option<RigidMotion<T>>],
         decay: f64,
     ) -> Result<(), Cause> {
         self.blocks.carried = decay * context.forgotten;
@@ -201,6 +201,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                 laws.evaluate::<T, I>(context, block, lanes, &mut self.blocks);
             }
             self.part(block, &Part::Give(block))?;
+        }
+        if let Some(pads) = &context.pads {
+            pads.turn(motions, |place| self.place_after(place, context.dt_s));
         }
         self.clamp(motions)
     }

@@ -6,7 +6,7 @@ use super::error::{Cause, SimError};
 use super::material::Material;
 use super::physics::Physics;
 use super::real::{Arithmetic, Real};
-use super::rollout::{masses_kg, mouths};
+use super::rollout::masses_kg;
 use super::scene::{Scene, StepLength};
 
 /// Share of the largest step that is stable for small motions of the undeformed rope that a step takes;
@@ -115,5 +115,5 @@ fn stiffest_bending<T: Real>(scene: &Scene, physics: &Physics<T>) -> T {
     if physics.bending_laws.is_empty() {
         return T::one();
     }
-    Material::new(physics, &scene.layout(), &mouths(scene)).largest_bending()
+    Material::new(physics, &scene.layout()).largest_bending()
 }

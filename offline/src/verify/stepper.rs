@@ -6,7 +6,7 @@ use crate::sim::grid::Grid;
 use crate::sim::initial_particles;
 use crate::sim::material::Material;
 use crate::sim::real::Real;
-use crate::sim::rollout::{grip_motions, masses_kg, mouths};
+use crate::sim::rollout::{grip_motions, masses_kg};
 use crate::sim::rope::RopeLayout;
 use crate::sim::step::{Particle, StepContext, grid_to_particles, step};
 use crate::sim::time_step::time_step_s;
@@ -43,7 +43,7 @@ impl<'a> Stepper<'a> {
         let grid = Grid::new(&layout, scene.grid, &masses);
         let nodes_material_m = grid.nodes_material_m(&layout);
         Self {
-            material: Material::new(physics, &layout, &mouths(scene)),
+            material: Material::new(physics, &layout),
             dt_s: time_step_s(scene, physics),
             nodes_m: nodes_material_m
                 .iter()

@@ -9,7 +9,7 @@ use offline::sim::clamp::ClampPath;
 use offline::sim::curve::Curve;
 use offline::sim::elastic::energy_density;
 use offline::sim::material::Material;
-use offline::sim::physics::{ForcePoint, Mouth};
+use offline::sim::physics::ForcePoint;
 use offline::sim::rope::{RopeLayout, Sampling};
 use offline::sim::scene::{Scene, StepLength, Table};
 use offline::sim::start::{Hang, Start};
@@ -356,11 +356,7 @@ impl StrainedRope {
     }
 
     fn material(&self, physics: &Physics<f64>) -> Material<f64> {
-        let mouth = Mouth {
-            arc_m: 0.01,
-            outwards: 1.0,
-        };
-        let mut material = Material::new(physics, &self.layout, &[mouth]);
+        let mut material = Material::new(physics, &self.layout);
         material.advance(physics, 1e-4, |index| {
             (&self.gradients[index], &self.rates[index])
         });

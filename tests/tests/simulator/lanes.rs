@@ -82,7 +82,7 @@ fn in_motion() -> Scene {
     Scene::of_demo(&demo, 1.5).unwrap()
 }
 
-/// Every effect, at a tenth of its range, or half of it where less would make nothing flow; `value` makes a number
+/// Every effect, at a tenth of its range, or all of it where less would make little flow beside a clamp that gives; `value` makes a number
 /// from the index of the input and its value.
 fn with_every_effect<T: Real>(value: impl FnMut(usize, f64) -> T) -> Physics<T> {
     with_effects(0..effects::ALL.len(), value)
@@ -95,7 +95,7 @@ fn with_effects<T: Real>(
     let mut physics = Physics::base(value(0, 4.0e5), value(1, 0.3), value(2, 0.4));
     let mut input = 3;
     for index in effects {
-        let share = if flows(index) { 0.5 } else { 0.1 };
+        let share = if flows(index) { 1.0 } else { 0.1 };
         let effect = &effects::ALL[index];
         let values: Vec<T> = effect
             .parameters

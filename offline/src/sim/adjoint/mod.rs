@@ -182,8 +182,8 @@ fn run<F: Precision, M: Family, I: Instructions>(
     let mut recorder = Recorder::new(scene);
     for state in 0..=setup.steps {
         record.begin(&engine, state);
-        let motions = setup.motions(state);
-        setup.sweep(&mut engine, state, &motions)?;
+        let mut motions = setup.motions(state);
+        setup.sweep(&mut engine, state, &mut motions)?;
         recorder.record(&engine, state, &setup);
         if state < setup.steps {
             setup.update_nodes(&mut engine, state);

@@ -73,6 +73,25 @@ impl MotionCotangent {
             }
         }
     }
+
+    /// Hands them to a motion on the tape.
+    pub(super) fn seed(&self, session: &Session, motion: &RigidMotion<Var>) {
+        for a in 0..3 {
+            session.seed(motion.position_m[a], self.position[a]);
+            for b in 0..3 {
+                session.seed(motion.rotation[a][b], self.rotation[a][b]);
+            }
+        }
+    }
+
+    /// Those that a sweep has brought to a motion on the tape.
+    pub(super) fn of(session: &Session, motion: &RigidMotion<Var>) -> Self {
+        let adjoint = |x: Var| session.adjoint(x);
+        Self {
+            position: motion.position_m.map(adjoint),
+            rotation: motion.rotation.map(|row| row.map(adjoint)),
+        }
+    }
 }
 
 /// Gradients with respect to all knots, as they grow on the way back.
@@ -142,12 +161,7 @@ impl PathGradients {
             &grasp(setup.scene, setup.context.physics, index),
             t_s,
         );
-        for a in 0..3 {
-            session.seed(motion.position_m[a], bar.position[a]);
-            for b in 0..3 {
-                session.seed(motion.rotation[a][b], bar.rotation[a][b]);
-            }
-        }
+        bar.seed(session, &motion);
         session.sweep(mark);
         let knots = &mut self.grips[index];
         for k in 0..7 {

@@ -1,15 +1,16 @@
 //! The way back over a rollout, step by step, from its end to its start.
 
+mod clamps;
+
 use super::laws::Tape;
 use super::nodes::{NodeForces, pull_back_free};
-use super::paths::{MotionCotangent, PathGradients};
+use super::paths::PathGradients;
 use super::seeds::Seeds;
 use super::state::{MassBars, StateCotangent, total};
 use super::stress::pull_back_piola;
 use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
 use crate::sim::blocks::{Blocks, Part, Stepped};
-use crate::sim::clamp::{KEPT, RigidMotion};
 use crate::sim::elastic::Straining;
 use crate::sim::error::SimError;
 use crate::sim::lanes::{Instructions, Lanes};
@@ -165,8 +166,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let mut nodes = Vec::with_capacity(range.len() * velocities.len());
         forget(&mut self.engine.blocks);
         for number in range {
-            let motions = self.setup.motions(number);
-            self.setup.sweep(&mut self.engine, number, &motions)?;
+            let mut motions = self.setup.motions(number);
+            self.setup.sweep(&mut self.engine, number, &mut motions)?;
             self.setup.update_nodes(&mut self.engine, number);
             nodes.extend_from_slice(self.engine.blocks.velocity.channel(0));
         }
@@ -226,7 +227,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     /// Carries the derivatives over one step; given are the nodes' velocities before and after it.
     #[inline(always)]
     fn step(&mut self, number: usize, velocities: [&[F]; 2]) -> Result<(), SimError> {
-        let motions = self.setup.motions(number);
+        let recorded = self.setup.motions(number);
+        let motions = self.turned(&recorded);
         forget(&mut self.engine.blocks);
         self.engine
             .springs(&motions)
@@ -236,7 +238,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         self.nodes(velocities, decay * (1.0 - forgotten));
         self.particles(number, decay * forgotten);
         if self.engine.blocks.constrained.iter().any(|&c| c) {
-            self.clamps(&motions, number);
+            self.clamps([&recorded, &motions], number);
             self.contact();
         }
         Ok(())
@@ -471,66 +473,6 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
                 self.force_field[at][first + lane][a] += share * length_m * lanes[lane].value();
             }
         }
-    }
-
-    /// From the clamps' springs to the particles and to the motion of the clamps.
-    #[inline(always)]
-    fn clamps(&mut self, motions: &[Option<RigidMotion<F>>], number: usize) {
-        let mut of_motions = vec![MotionCotangent::default(); motions.len()];
-        for held in 0..self.engine.blocks.held.len() {
-            let grip = self.engine.blocks.held[held].grip;
-            if let Some(motion) = &motions[grip] {
-                self.clamp(held, motion, &mut of_motions[grip]);
-            }
-        }
-        for (grip, bar) in of_motions.iter().enumerate() {
-            if motions[grip].is_some() {
-                self.paths.pull_back(self.session, self.vars, grip, number, bar);
-            }
-        }
-    }
-
-    /// The same for a share of a grip. No closures here either.
-    #[inline(always)]
-    fn clamp(&mut self, held: usize, motion: &RigidMotion<F>, of_motion: &mut MotionCotangent) {
-        let (members, width) = (self.members(), self.engine.blocks.transfer.width);
-        let per_step = F::Plain::<I>::of(1.0 / self.setup.context.dt_s);
-        let held = &self.engine.blocks.held[held];
-        let block = held.block;
-        let transfer = &self.engine.blocks.transfer;
-        transfer.read_planes(block, CLAMP_ROWS, &self.clamp_bars, &mut self.scratch);
-        let springs = held.mask * F::Plain::<I>::splat(self.setup.context.clamp_stiffness);
-        let (mut position, mut rotation) = (zero3(), [zero3(); 3]);
-        let mut by_stiffness = F::Plain::<I>::zero();
-        for member in 0..members {
-            let index = block * members + member;
-            let (body, offset) = (&self.engine.blocks.bodies[index], &held.offsets_m[member]);
-            let stiffness = body.mass_kg * springs;
-            let mut by_mass = transfer.gather_value(member, &self.scratch[..width]);
-            let state = &mut self.bars[index];
-            for a in 0..3 {
-                let row = (a + 1) * width..(a + 2) * width;
-                let bar = transfer.gather_value(member, &self.scratch[row]);
-                let mut gap = F::Plain::<I>::splat(motion.position_m[a]) - body.position_m[a];
-                for b in 0..3 {
-                    gap = F::Plain::<I>::splat(motion.rotation[a][b]).times_plus(offset[b], gap);
-                }
-                by_mass += bar * (gap * per_step - body.velocity_m_s[a].scale(KEPT));
-                let place = bar * stiffness * per_step;
-                state.position[a] -= place;
-                state.velocity[a] -= (bar * stiffness).scale(KEPT);
-                position[a] += place;
-                for b in 0..3 {
-                    rotation[a][b] = place.times_plus(offset[b], rotation[a][b]);
-                }
-            }
-            by_stiffness = by_mass.times_plus(body.mass_kg * held.mask, by_stiffness);
-            if self.weighed {
-                self.mass_bars.add(block, member, by_mass * springs);
-            }
-        }
-        of_motion.add(position, &rotation);
-        self.totals.clamp_stiffness += total(by_stiffness);
     }
 
     /// From the table's push to heights and velocities of the slices.
