@@ -263,19 +263,24 @@ impl<'a> Descent<'a> {
         self.complete();
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
         let held = |weight: f64| self.clone().under(weight).again(evaluations);
-        let first = self.heaviest_that_promises(heaviest, most_cost);
-        let gentler = (0..PRIORS_TRIED).map(|times| held(first / GENTLER.powi(times as i32)));
+        let weight = self.heaviest_that_promises(heaviest, most_cost);
         let keeps = |there: &Self| there.own_cost() <= most_cost && !there.at_an_end();
-        match gentler.into_iter().find(keeps) {
+        let first = held(weight);
+        if keeps(&first) {
+            return first;
+        }
+        let mut gentler = (1..PRIORS_TRIED).map(|times| held(weight / GENTLER.powi(times as i32)));
+        match gentler.find(keeps) {
             Some(there) => there,
-            None if self.at_an_end() => held(heaviest),
-            None => self,
+            None if !self.at_an_end() => self,
+            None if weight == heaviest => first,
+            None => held(heaviest),
         }
     }
 
     /// The weight of the heaviest prior, `heaviest` or less, that promises a cost of at most `most_cost` without its own.
     fn heaviest_that_promises(&self, heaviest: f64, most_cost: f64) -> f64 {
-        let promises = |weight: f64| self.clone().under(weight).promised_cost() <= most_cost;
+        let promises = |weight: f64| self.promised_cost(weight) <= most_cost;
         if promises(heaviest) {
             return heaviest;
         }
@@ -314,10 +319,10 @@ impl<'a> Descent<'a> {
         total_cost(&self.best.evaluation, &self.structure.parameters())
     }
 
-    /// The same where the next step leads, to second order.
-    fn promised_cost(&self) -> f64 {
+    /// The same where the next step under so heavy a prior leads, to second order.
+    fn promised_cost(&self, prior_weight: f64) -> f64 {
         let (hessian, gradient) = cost_equations(&self.best.evaluation, &self.structure.parameters());
-        let step = self.next_step();
+        let step = self.step(&self.info(prior_weight)).0;
         self.own_cost() + gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step)
     }
 
@@ -325,13 +330,13 @@ impl<'a> Descent<'a> {
     /// [`FitResult`] never does.
     pub fn under(self, prior_weight: f64) -> Self {
         let mut under = Self { prior_weight, ..self };
-        under.cost = total_cost(&under.best.evaluation, &under.info());
+        under.cost = total_cost(&under.best.evaluation, &under.info(prior_weight));
         under
     }
 
     /// The step that it would try first from where it is.
     pub fn next_step(&self) -> DVector<f64> {
-        self.step(&self.info()).0
+        self.step(&self.info(self.prior_weight)).0
     }
 
     /// That step, what it promises, and the Hessian.
@@ -343,10 +348,10 @@ impl<'a> Descent<'a> {
         (step, predicted, hessian)
     }
 
-    /// The parameters with the prior as the descent takes it.
-    fn info(&self) -> Vec<ParameterInfo> {
+    /// The parameters with a prior that is so many times narrower.
+    fn info(&self, prior_weight: f64) -> Vec<ParameterInfo> {
         let narrower = |mut p: ParameterInfo| {
-            p.prior_sd /= self.prior_weight;
+            p.prior_sd /= prior_weight;
             p
         };
         self.structure.parameters().into_iter().map(narrower).collect()
@@ -354,7 +359,7 @@ impl<'a> Descent<'a> {
 
     /// Steps until an end or until the budget is spent.
     fn descend(&mut self, budget: Budget) {
-        let info = &self.info();
+        let info = &self.info(self.prior_weight);
         while self.stop == StopReason::BudgetSpent && self.evaluations < budget.evaluations {
             let (step, predicted, hessian) = self.step(info);
             let end = self.ends(&hessian, (&step, predicted), budget.worth);

@@ -181,15 +181,7 @@ impl ClampPath {
         }
         let h = self.knots[i + 1].t_s - a.t_s;
         let u = (t_s - T::of(a.t_s)).scale(1.0 / h);
-        let (u2, u3) = (u * u, u * u * u);
-        Span::After(
-            i,
-            Hermite {
-                along: u2.scale(3.0) - u3.scale(2.0),
-                start_rate: (u3 - u2.scale(2.0) + u).scale(h),
-                end_rate: (u3 - u2).scale(h),
-            },
-        )
+        Span::After(i, Hermite::at(u, h))
     }
 
     /// Pose at a time that may carry tangents.
@@ -316,6 +308,18 @@ pub struct Hermite<T> {
     pub start_rate: T,
     /// Weight of the second rate, s.
     pub end_rate: T,
+}
+
+impl<T: Real> Hermite<T> {
+    /// At share `u` of the way from one knot to another that is `h` further.
+    pub fn at(u: T, h: f64) -> Self {
+        let (u2, u3) = (u * u, u * u * u);
+        Self {
+            along: u2.scale(3.0) - u3.scale(2.0),
+            start_rate: (u3 - u2.scale(2.0) + u).scale(h),
+            end_rate: (u3 - u2).scale(h),
+        }
+    }
 }
 
 /// A change of one knot of a path.

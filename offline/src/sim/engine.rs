@@ -52,6 +52,15 @@ pub(super) trait Engine<T> {
     fn slice_x(&self, slice: usize) -> T;
     /// A member of a slice and its velocity, m and m/s.
     fn member(&self, slice: usize, member: usize) -> (Vec3<T>, Vec3<T>);
+    /// Turns the motions of the grips in a step as their pads let them.
+    fn turn(&self, context: &StepContext<T>, motions: &mut [Option<RigidMotion<T>>])
+    where
+        T: Real,
+    {
+        if let Some(pads) = &context.pads {
+            pads.turn(motions, |place| self.place_after(place, context.dt_s));
+        }
+    }
     /// Where a member of a slice will be if it goes on for a time, m.
     fn place_after(&self, [slice, member]: [usize; 2], dt_s: f64) -> Vec3<T>
     where
@@ -95,9 +104,7 @@ impl<T: Real> Engine<T> for OneByOne<T> {
         decay: f64,
     ) -> Result<(), Cause> {
         grid_to_particles(&mut self.particles, &self.grid, context.dt_s);
-        if let Some(pads) = &context.pads {
-            pads.turn(motions, |place| self.place_after(place, context.dt_s));
-        }
+        self.turn(context, motions);
         particles_to_grid(
             &self.particles,
             &mut self.material,

@@ -15,8 +15,8 @@ use super::real::Real;
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::tensor::{
-    Mat3, Vec3, add, cross, dot, matmul, matmul_transposed, matvec, mul, rotation_of_quaternion, scaled, sub,
-    transpose, value3, zero3,
+    Mat3, Vec3, add, cross, direction, dot, matmul, matmul_transposed, matvec, mul, rotation_of_quaternion,
+    scaled, sub, transpose, transpose_inverse, value3, zero3,
 };
 
 /// Steps of Newton's method to the turn: without pads' stiffness the error of the first goes with the cube of the turn.
@@ -113,10 +113,9 @@ impl<T: Real> Pads<T> {
 impl<T: Real> Pad<T> {
     /// Without particles.
     fn new([mouth_m, outer_m]: [[f64; 3]; 2]) -> Self {
-        let along = sub(mouth_m, outer_m);
         Self {
             mouth_m,
-            axis: scaled(along, 1.0 / dot(along, along).sqrt()),
+            axis: direction(sub(mouth_m, outer_m)),
             held: Vec::new(),
             stiffness_n_m: [zero3(); 3],
         }
@@ -140,23 +139,18 @@ impl<T: Real> Pad<T> {
     /// (1 + C J)⁻¹ C with J the stiffness of the springs against a turn, about axes across the rope.
     fn turn_per_torque(&self, rotation: &Mat3<T>, compliance: T) -> Mat3<T> {
         let axis = matvec(rotation, self.axis.map(T::of));
-        let slope = self.slope(rotation, compliance);
-        let columns = [0, 1, 2].map(|k| {
-            let mut torque = zero3();
-            torque[k] = compliance;
-            across(&axis, solved(&slope, torque))
-        });
-        transpose(&columns)
+        let columns = self.share_columns(rotation, compliance);
+        transpose(&columns.map(|column| across(&axis, mul(column, compliance))))
     }
 
-    /// 1 + C J.
-    fn slope(&self, rotation: &Mat3<T>, compliance: T) -> Mat3<T> {
+    /// Columns of (1 + C J)⁻¹.
+    fn share_columns(&self, rotation: &Mat3<T>, compliance: T) -> Mat3<T> {
         let stiffness = matmul_transposed(&matmul(rotation, &self.stiffness_n_m), rotation);
         let mut slope = stiffness.map(|row| mul(row, compliance));
         for a in 0..3 {
             slope[a][a] += T::one();
         }
-        slope
+        transpose_inverse(&slope)
     }
 
     fn turned(
@@ -181,7 +175,8 @@ impl<T: Real> Pad<T> {
             let p = matmul(&rotation, &pull);
             let torque = [p[1][2] - p[2][1], p[2][0] - p[0][2], p[0][1] - p[1][0]];
             let missing = sub(mul(torque, compliance), rotation_vector(turn));
-            let change = solved(&self.slope(&rotation, compliance), missing);
+            let share = transpose(&self.share_columns(&rotation, compliance));
+            let change = matvec(&share, missing);
             turn = turned_by(turn, across(&axis, change));
             rotation = matmul(&rotation_of_quaternion(turn), &motion.rotation);
         }
@@ -215,13 +210,4 @@ fn turned_by<T: Real>([x, y, z, w]: [T; 4], change: Vec3<T>) -> [T; 4] {
     let (half, v) = (mul(half, own), [x, y, z]);
     let [a, b, c] = add(add(mul(half, w), mul(v, own)), cross(half, v));
     [a, b, c, own * w - dot(half, v)]
-}
-
-/// x of A x = b.
-fn solved<T: Real>(matrix: &Mat3<T>, right: Vec3<T>) -> Vec3<T> {
-    let [a, b, c] = *matrix;
-    let columns = [cross(b, c), cross(c, a), cross(a, b)];
-    let share = T::one() / dot(a, columns[0]);
-    let sum = (0..3).fold(zero3(), |sum, k| add(sum, mul(columns[k], right[k])));
-    mul(sum, share)
 }

@@ -2,6 +2,7 @@
 //! a shape near it, with a matrix that is factorised anew only where the old one does not help any more. A rope that finds
 //! no rest by its own forces alone falls once more, propped (`props.rs`).
 
+use super::clamp::Hermite;
 use super::error::{Cause, SimError};
 use super::grid::{Grid, STENCIL};
 use super::legs::Placed;
@@ -120,12 +121,8 @@ fn between(
             at_from * from_m[a] + at_to * to_m[a] + along
         })
     };
-    let position_m = cubic([
-        (1.0 + 2.0 * t) * (1.0 - t).powi(2),
-        t * (1.0 - t).powi(2),
-        t * t * (3.0 - 2.0 * t),
-        t * t * (t - 1.0),
-    ]);
+    let w = Hermite::at(t, 1.0);
+    let position_m = cubic([1.0 - w.along, w.start_rate, w.along, w.end_rate]);
     let slope = scaled(
         cubic([
             6.0 * t * (t - 1.0),

@@ -191,8 +191,7 @@ impl<'a, T: Real> Statics<'a, T> {
         let mut forces = vec![zero3(); self.scene.grips.len()];
         let motions = self.turned(&self.motions(pose.t_s), |p| self.particle(nodes, p).0);
         for (p, gripped) in self.gripped.iter().enumerate() {
-            if let Some(target) = self.target(&motions, p) {
-                let grip = gripped.map_or(0, |(grip, _)| grip);
+            if let (Some((grip, _)), Some(target)) = (*gripped, self.target(&motions, p)) {
                 let spring = self.masses_kg[p] * self.clamp_per_kg;
                 let gap = sub(target, self.particle(nodes, p).0);
                 forces[grip] = add(forces[grip], mul(gap, spring));

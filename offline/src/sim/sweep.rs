@@ -202,9 +202,7 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
             }
             self.part(block, &Part::Give(block))?;
         }
-        if let Some(pads) = &context.pads {
-            pads.turn(motions, |place| self.place_after(place, context.dt_s));
-        }
+        self.turn(context, motions);
         self.clamp(motions)
     }
 

@@ -82,8 +82,8 @@ fn in_motion() -> Scene {
     Scene::of_demo(&demo, 1.5).unwrap()
 }
 
-/// Every effect, at a tenth of its range, or all of it where less would make little flow beside a clamp that gives; `value` makes a number
-/// from the index of the input and its value.
+/// Every effect, at a tenth of its range, or all of it where less would make little flow beside a clamp that gives;
+/// `value` makes a number from the index of the input and its value.
 fn with_every_effect<T: Real>(value: impl FnMut(usize, f64) -> T) -> Physics<T> {
     with_effects(0..effects::ALL.len(), value)
 }

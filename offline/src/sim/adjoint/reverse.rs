@@ -12,6 +12,7 @@ use super::var::{Session, Var};
 use super::{Checkpoint, Family, Gradient, Precision, Record};
 use crate::sim::blocks::{Blocks, Part, Stepped};
 use crate::sim::elastic::Straining;
+use crate::sim::engine::Engine;
 use crate::sim::error::SimError;
 use crate::sim::lanes::{Instructions, Lanes};
 use crate::sim::nodes::{CLAMP_ROWS, CONTACT_ROWS, forget};
@@ -228,7 +229,8 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
     #[inline(always)]
     fn step(&mut self, number: usize, velocities: [&[F]; 2]) -> Result<(), SimError> {
         let recorded = self.setup.motions(number);
-        let motions = self.turned(&recorded);
+        let mut motions = recorded.clone();
+        self.engine.turn(&self.setup.context, &mut motions);
         forget(&mut self.engine.blocks);
         self.engine
             .springs(&motions)

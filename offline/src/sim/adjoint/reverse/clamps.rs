@@ -14,16 +14,6 @@ use crate::sim::tensor::{Vec3, zero3};
 use std::cell::RefCell;
 
 impl<F: Precision, I: Instructions> WayBack<'_, F, I> {
-    /// The motions of the closed grips in the step at hand as pads turn them.
-    pub(super) fn turned(&self, recorded: &[Option<RigidMotion<F>>]) -> Vec<Option<RigidMotion<F>>> {
-        let mut motions = recorded.to_vec();
-        if let Some(pads) = &self.setup.context.pads {
-            let dt_s = self.setup.context.dt_s;
-            pads.turn(&mut motions, |place| self.engine.place_after(place, dt_s));
-        }
-        motions
-    }
-
     /// From the turned motions to the recorded ones, to the particles in the grips, and to what pads follow from.
     fn pads(&mut self, recorded: &[Option<RigidMotion<F>>], bars: &mut [MotionCotangent]) {
         let Some(pads) = &self.vars.context.pads else {
