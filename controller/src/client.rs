@@ -199,14 +199,17 @@ impl ArmPort {
         Some(target)
     }
 
-    /// Reports what the arm measures; magic word, number, stamp and the newest target read are filled in
-    /// here.
+    /// Reports what the arm measures; magic word, number and the newest target read are filled in here, and
+    /// where `stamp_ns` is 0 the time now.
     pub fn send_state(&mut self, state: RobotState) -> Result<(), ServiceError> {
         self.seq += 1;
         let state = RobotState {
             magic: ROBOT_MAGIC,
             seq: self.seq,
-            stamp_ns: clock::now_ns(),
+            stamp_ns: match state.stamp_ns {
+                0 => clock::now_ns(),
+                measured_ns => measured_ns,
+            },
             target_seq: self.target_seq,
             ..state
         };

@@ -28,9 +28,6 @@ pub const GRIPPER_LATENCY_MAX_MS: u64 = 2000;
 /// plans (1.26 rad/s) it allows 0.12 s of lag.
 pub const FOLLOWING_ERROR_MAX_RAD: f64 = 0.15;
 
-/// A stream goes on after a pause when the arm is this near to its last target, rad; else it begins anew.
-pub const RESUME_DISTANCE_MAX_RAD: f64 = 0.02;
-
 /// Below this joint speed the arm counts as still, rad/s.
 pub const STILL_RAD_S: f64 = 0.05;
 
@@ -100,5 +97,4 @@ pub const BRIDGE_PRIORITY: i32 = 40;
 
 const _: () = assert!(2 * EARLY_US * (LOOP_RATE_MAX_HZ as u64) < 1_000_000);
 const _: () = assert!(LOOP_RATE_MIN_HZ <= TARGET_RATE_MAX_HZ);
-const _: () = assert!(RESUME_DISTANCE_MAX_RAD < FOLLOWING_ERROR_MAX_RAD);
 const _: () = assert!(GOAL_AHEAD_MAX_NS < GOAL_AGE_MAX_NS);

@@ -23,8 +23,10 @@ const PLANS_TIMED: u32 = 16;
 pub struct Queues {
     /// Bridge to loop.
     pub goals: ArrayQueue<Goal>,
-    /// Bridge to loop: everything but emergency stops.
+    /// Bridge to loop: cancels, resets and what is no command.
     pub commands: ArrayQueue<Command>,
+    /// Bridge to loop: keep-alives, of which clients may send more than there are cycles.
+    pub keep_alives: ArrayQueue<Command>,
     /// Bridge to loop: emergency stops, which no flood of other commands may delay or push out.
     pub stops: ArrayQueue<Command>,
     /// Bridge to loop.
@@ -50,6 +52,7 @@ impl Queues {
         Self {
             goals: ArrayQueue::new(REQUEST_QUEUE),
             commands: ArrayQueue::new(REQUEST_QUEUE),
+            keep_alives: ArrayQueue::new(REQUEST_QUEUE),
             stops: ArrayQueue::new(REQUEST_QUEUE),
             robots: ArrayQueue::new(ROBOT_QUEUE),
             targets: ArrayQueue::new(TARGET_QUEUE),
@@ -71,8 +74,23 @@ impl Queues {
 
     /// Puts a command where it belongs.
     pub fn put_command(&self, command: Command) {
-        let stop = command.kind == CommandKind::EmergencyStop.code();
-        self.put(if stop { &self.stops } else { &self.commands }, command);
+        match CommandKind::from_code(command.kind) {
+            Some(CommandKind::EmergencyStop) => self.put(&self.stops, command),
+            // One says no more than the next: where there is no room, none is lost.
+            Some(CommandKind::KeepAlive) => drop(self.keep_alives.force_push(command)),
+            _ => self.put(&self.commands, command),
+        }
+    }
+
+    /// Empties the queue of keep-alives; returns one of the goal `goal_id`, if there is any.
+    fn keep_alive_of(&self, goal_id: u64) -> Option<Command> {
+        let mut found = None;
+        while let Some(command) = self.keep_alives.pop() {
+            if command.id == goal_id {
+                found = Some(command);
+            }
+        }
+        found
     }
 
     /// Counts a message that did not get through.
@@ -133,9 +151,13 @@ impl<'a> Cycle<'a> {
         if self.dry_run {
             robot = Some(imagined_arm(self.last.as_ref(), now_ns));
         }
+        let queues = self.queues;
+        let served = self.controller.active_goal_id();
         Inputs {
-            goal: self.waiting.take().or_else(|| self.queues.goals.pop()),
-            command: self.queues.stops.pop().or_else(|| self.queues.commands.pop()),
+            goal: self.waiting.take().or_else(|| queues.goals.pop()),
+            command: (queues.stops.pop())
+                .or_else(|| queues.commands.pop())
+                .or_else(|| queues.keep_alive_of(served)),
             robot,
             shutdown: self.queues.shutdown.load(Ordering::Relaxed),
             missed_deadlines,
@@ -293,6 +315,32 @@ mod tests {
         cycle.turn(8_000_000, 0, &mut |_| {});
         assert_eq!(cycle.controller.phase(), Phase::Stopping);
         assert!(queues.lost() > 900, "the flood is counted");
+    }
+
+    /// Clients that send more keep-alives than there are cycles neither push out nor delay anything else.
+    #[test]
+    fn a_flood_of_keep_alives_holds_up_no_other_command() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        queues.put_command(command(CommandKind::Reset, 7));
+        for id in 8..1000 {
+            queues.put_command(command(CommandKind::KeepAlive, id));
+        }
+        let status = cycle.turn(8_000_000, 0, &mut |_| {}).status;
+        assert_eq!(status.map(|status| status.command_id), Some(7));
+        assert_eq!(queues.lost(), 0);
+    }
+
+    /// The keep-alive of the goal that is served gets through among those of others.
+    #[test]
+    fn of_many_keep_alives_the_one_that_counts_is_taken() {
+        let queues = Queues::new(false);
+        for id in [3, 9, 4] {
+            queues.put_command(command(CommandKind::KeepAlive, id));
+        }
+        let taken = queues.keep_alive_of(9).map(|command| command.id);
+        assert_eq!((taken, queues.keep_alive_of(9)), (Some(9), None));
     }
 
     #[test]

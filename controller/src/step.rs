@@ -13,12 +13,11 @@
 //!   (no targets)                                error, guard; while moving: cancelled, arm or
 //!                                               goal's client silent, targets unread
 //!
-//!  A shutdown leads through Stopping, where there is something to stop, to Ended.
+//!  Where nothing moves, in Waiting, a stop or an error of the arm leads to Fault at once. A shutdown leads through Stopping, where there is something to stop, to Ended.
 //! ```
 
 use crate::constants::{
-    FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, RESUME_DISTANCE_MAX_RAD, STATUS_EVERY_NS,
-    STILL_RAD_S,
+    FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, STATUS_EVERY_NS, STILL_RAD_S,
 };
 use crate::guard::{Brake, Guard};
 pub use crate::interface::{Inputs, Output, Setup};
@@ -79,6 +78,10 @@ pub struct Controller {
     prepared: Option<Prepared>,
     robot: RobotState,
     silent_cycles: u64,
+    /// When the newest emergency stop was sent, ns: a reset sent before it does not undo it.
+    stop_sent_ns: u64,
+    /// When the newest emergency stop or cancel was sent, ns: a goal sent before it is not served.
+    drop_sent_ns: u64,
     accepted_id: u64,
     accepted_stamp_ns: u64,
     cycles_to_target: u32,
@@ -101,6 +104,8 @@ impl Controller {
             robot: RobotState::default(),
             // Silent until heard.
             silent_cycles: setup.silent_cycles_max,
+            stop_sent_ns: 0,
+            drop_sent_ns: 0,
             accepted_id: 0,
             accepted_stamp_ns: 0,
             cycles_to_target: 1,
@@ -130,7 +135,7 @@ impl Controller {
         self.watch_robot();
         self.watch_goal_source();
         if let Some(command) = &inputs.command {
-            self.obey(command);
+            self.obey(command, now_ns);
         }
         if inputs.shutdown {
             self.shut_down();
@@ -168,6 +173,11 @@ impl Controller {
     /// A goal that a client could ask for, another one each cycle.
     pub fn likely_goal(&self) -> Goal {
         plan::likely_goal(&self.setup.blob, self.status.cycles)
+    }
+
+    /// The goal being served; 0 when none is.
+    pub fn active_goal_id(&self) -> u64 {
+        self.status.active_goal_id
     }
 
     /// Cycles run since start.
@@ -209,20 +219,18 @@ impl Controller {
     /// Silence, an error or a pose away from the target stops a motion and latches. Silence is counted
     /// in cycles, so that a stall of the whole machine does not count as silence of the arm.
     fn watch_robot(&mut self) {
-        let streaming = matches!(
-            self.mode,
-            Mode::Idle | Mode::Running { .. } | Mode::Stopping { .. }
-        );
-        if !streaming {
+        if matches!(self.mode, Mode::Fault | Mode::Ended) {
             return;
         }
         if self.silent() {
             match self.mode {
-                Mode::Idle => self.mode = Mode::Waiting,
+                Mode::Waiting | Mode::Idle => self.mode = Mode::Waiting,
                 _ => self.stop(After::Latch(Reason::RobotSilent)),
             }
         } else if self.robot.error_code != 0 {
             self.stop(After::Latch(Reason::RobotFault));
+        } else if matches!(self.mode, Mode::Waiting) {
+            // No target is out that the arm could be away from.
         } else if self.distance_rad() > FOLLOWING_ERROR_MAX_RAD {
             self.stop(After::Latch(Reason::FollowingError));
         } else if matches!(self.mode, Mode::Running { .. }) && self.targets_unread() {
@@ -278,26 +286,33 @@ impl Controller {
             && self.robot.dq_rad_s.iter().all(|speed| speed.abs() < STILL_RAD_S)
     }
 
-    fn obey(&mut self, command: &Command) {
-        let kind = CommandKind::from_code(command.kind);
-        let (COMMAND_MAGIC, 1.., Some(kind)) = (command.magic, command.id, kind) else {
+    /// An emergency stop is obeyed even without an id: what asks for it may be broken.
+    fn obey(&mut self, command: &Command, now_ns: u64) {
+        if command.magic != COMMAND_MAGIC {
             self.status.messages_ignored += 1;
             return;
-        };
-        let reason = match kind {
-            CommandKind::EmergencyStop => {
+        }
+        // A stamp from the future would forbid what is sent after it.
+        let sent_ns = command.stamp_ns.min(now_ns);
+        let reason = match (CommandKind::from_code(command.kind), command.id) {
+            (Some(CommandKind::EmergencyStop), _) => {
+                self.stop_sent_ns = self.stop_sent_ns.max(sent_ns);
+                self.drop_sent_ns = self.drop_sent_ns.max(sent_ns);
                 self.stop(After::Latch(Reason::EmergencyStop));
                 Reason::Accepted
             }
-            CommandKind::Cancel => {
+            (None, _) | (_, 0) => Reason::Malformed,
+            (Some(CommandKind::Cancel), _) => {
+                self.drop_sent_ns = self.drop_sent_ns.max(sent_ns);
                 if let Mode::Running { .. } = self.mode {
                     self.stop(After::Idle);
                 }
                 Reason::Accepted
             }
-            CommandKind::Reset => self.reset(),
+            (Some(CommandKind::Reset), _) if command.stamp_ns < self.stop_sent_ns => Reason::OutOfOrder,
+            (Some(CommandKind::Reset), _) => self.reset(),
             // Comes often and is no news: it gets no answer, so that other answers stay readable.
-            CommandKind::KeepAlive => return self.keep_alive(command.id),
+            (Some(CommandKind::KeepAlive), goal_id) => return self.keep_alive(goal_id),
         };
         self.status.command_id = command.id;
         self.status.command_reason = reason.code();
@@ -369,25 +384,22 @@ impl Controller {
         }
     }
 
-    /// From waiting to idle once the arm stands still: on from the last target when the arm is there,
-    /// else anew from the measured pose. In a cycle whose target is due, so that the first target of a new
-    /// stream is the newest pose: an arm that moved between the two would be sent back to where it was.
+    /// From waiting to idle once the arm stands still: a stream begins at the measured pose. In a cycle whose
+    /// target is due, so that the first target is the newest pose: an arm that moved between the two would be
+    /// sent back to where it was.
     fn begin_stream(&mut self) {
         let due = self.cycles_to_target == 1;
         let ready = due && matches!(self.mode, Mode::Waiting) && self.robot_at_rest();
         if !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
             return;
         }
-        let goes_on = self.distance_rad() <= RESUME_DISTANCE_MAX_RAD
-            && self.guard.as_ref().is_some_and(|guard| {
-                let hold = guard.last_rad();
-                guard.clone().pass(&hold).is_ok()
-            });
-        if !goes_on {
-            self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
-            self.stream_begun = false;
-            self.status.stream += 1;
+        if self.targets_sent == 0 {
+            // A program before this one may have left it closed on the rope; nobody asked to let go.
+            self.gripper = Gripper::from_code(self.robot.gripper).unwrap_or_default();
         }
+        self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
+        self.stream_begun = false;
+        self.status.stream += 1;
         self.mode = Mode::Idle;
     }
 
@@ -428,6 +440,9 @@ impl Controller {
         }
         if goal.id == self.accepted_id || goal.stamp_ns < self.accepted_stamp_ns {
             return Err(Reason::OutOfOrder);
+        }
+        if goal.stamp_ns < self.drop_sent_ns {
+            return Err(Reason::Cancelled);
         }
         match (&self.mode, &self.guard) {
             (Mode::Idle, Some(_)) if self.targets_unread() => Err(Reason::TargetsUnread),

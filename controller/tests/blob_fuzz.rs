@@ -2,6 +2,7 @@
 //! rewritten. Nothing panics and no damaged file is accepted. Files whose checksum was made to fit again
 //! are no damage but another file: those must not panic either, and what is accepted reads back the same.
 
+use controller::survey::Survey;
 use controller::{plan, sample};
 use shared::blob::{self, HEADER_BYTES, MAX_BLOB_BYTES};
 use shared::messages::{GOAL_MAGIC, Goal};
@@ -136,6 +137,7 @@ fn resealed_files_do_no_harm(cases: u64, seed: u64) -> u64 {
             ..Goal::default()
         };
         let _ = plan::release_point(&other, &goal);
+        drop(Survey::new(&other));
     }
     accepted
 }

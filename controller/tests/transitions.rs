@@ -233,7 +233,7 @@ fn an_emergency_stop_latches_from_every_phase() {
         world.accept();
         world.run_to(Phase::Retreat);
         limits_hold(&world.targets).unwrap();
-        assert_eq!(world.targets.last().unwrap().stream, 1, "the arm had not moved");
+        assert_eq!(world.targets.last().unwrap().stream, 2, "a stream begins anew");
     }
 }
 
@@ -254,17 +254,98 @@ fn a_reset_waits_for_the_stop_and_for_the_arm() {
 }
 
 #[test]
-fn an_arm_moved_by_hand_during_a_fault_begins_a_new_stream() {
+fn after_a_fault_the_stream_begins_where_the_arm_is_however_little_it_moved() {
+    for moved_rad in [0.5, 0.019, 0.0] {
+        let mut world = World::idle();
+        world.command(CommandKind::EmergencyStop);
+        world.run_to(Phase::Fault);
+        let arm = world.arm.as_mut().unwrap();
+        arm.q_rad[0] += moved_rad;
+        let moved = arm.q_rad;
+        world.command(CommandKind::Reset);
+        world.run(2);
+        let last = world.targets.last().unwrap();
+        assert_eq!((last.stream, last.q_rad), (2, moved), "{moved_rad} rad");
+    }
+}
+
+/// A controller that died while the gripper held the rope is started again.
+#[test]
+fn the_first_target_leaves_the_gripper_as_the_arm_reports_it() {
+    for gripper in [Gripper::Closed, Gripper::Open] {
+        let mut world = World::new();
+        world.arm.as_mut().unwrap().gripper = gripper.code();
+        world.run(20);
+        assert!(!world.targets.is_empty());
+        assert!(world.targets.iter().all(|target| target.gripper == gripper.code()));
+        world.accept();
+        world.run_to(Phase::Homing);
+        world.run(2);
+        assert_eq!(world.targets.last().unwrap().gripper, Gripper::Open.code());
+    }
+}
+
+#[test]
+fn an_error_of_the_arm_latches_while_waiting_too() {
+    let mut world = World::new();
+    world.arm.as_mut().unwrap().error_code = 2;
+    world.run(3);
+    assert_eq!((world.controller.phase(), world.latch()), (Phase::Fault, Reason::RobotFault));
+    world.arm.as_mut().unwrap().error_code = 0;
+    world.run(1);
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+    world.run_to(Phase::Idle);
+}
+
+/// Queues deliver a stop before what was sent ahead of it.
+#[test]
+fn a_reset_sent_before_the_stop_does_not_undo_it() {
     let mut world = World::idle();
     world.command(CommandKind::EmergencyStop);
     world.run_to(Phase::Fault);
-    let arm = world.arm.as_mut().unwrap();
-    arm.q_rad[0] += 0.5;
-    let moved = arm.q_rad;
-    world.command(CommandKind::Reset);
-    world.run(2);
-    let last = world.targets.last().unwrap();
-    assert_eq!((last.stream, last.q_rad), (2, moved));
+    let mut reset = world.order(CommandKind::Reset);
+    world.run(1);
+    world.command(CommandKind::EmergencyStop);
+    world.next.command = Some(reset);
+    world.run(1);
+    assert_eq!(world.status.command_id, reset.id);
+    assert_eq!(world.status.command_reason, Reason::OutOfOrder.code());
+    assert_eq!(world.controller.phase(), Phase::Fault);
+    reset.stamp_ns = world.now_ns;
+    world.next.command = Some(reset);
+    world.run(1);
+    assert_eq!(world.latch(), Reason::Accepted);
+}
+
+#[test]
+fn a_goal_sent_before_a_cancel_that_overtook_it_is_not_served() {
+    for kind in [CommandKind::Cancel, CommandKind::EmergencyStop] {
+        let mut world = World::idle();
+        let goal = world.goal_at(0.33);
+        world.run(1);
+        world.command(kind);
+        if kind == CommandKind::EmergencyStop {
+            world.run_to(Phase::Fault);
+            world.command(CommandKind::Reset);
+            world.run_to(Phase::Idle);
+        }
+        assert_eq!(world.ask(goal), Reason::Cancelled, "{kind:?}");
+        assert_eq!(world.controller.phase(), Phase::Idle);
+        world.accept();
+    }
+}
+
+/// A stamp of another clock, far ahead, must not forbid every later reset and goal.
+#[test]
+fn a_stop_with_a_stamp_from_the_future_can_be_reset() {
+    let mut world = World::idle();
+    let mut stop = world.order(CommandKind::EmergencyStop);
+    stop.stamp_ns = u64::MAX;
+    world.next.command = Some(stop);
+    world.run_to(Phase::Fault);
+    assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);
+    world.run_to(Phase::Idle);
+    world.accept();
 }
 
 #[test]
@@ -441,12 +522,29 @@ fn the_gripper_is_told_to_open_its_latency_before_the_release() {
 }
 
 #[test]
-fn malformed_commands_are_ignored() {
+fn what_is_no_command_is_ignored_and_a_malformed_one_is_answered() {
     let mut world = World::idle();
     world.next.command = Some(Default::default());
+    // A status is due within 100 ms.
+    world.run(30);
+    assert_eq!((world.status.command_id, world.status.messages_ignored), (0, 1));
+    let mut unknown = world.order(CommandKind::Reset);
+    unknown.kind = 77;
+    world.next.command = Some(unknown);
     world.run(1);
-    assert_eq!(world.status.command_id, 0);
+    assert_eq!(world.status.command_id, unknown.id);
+    assert_eq!(world.status.command_reason, Reason::Malformed.code());
     assert_eq!(world.controller.phase(), Phase::Idle);
+}
+
+#[test]
+fn an_emergency_stop_without_an_id_stops_all_the_same() {
+    let mut world = World::idle();
+    let mut stop = world.order(CommandKind::EmergencyStop);
+    stop.id = 0;
+    world.next.command = Some(stop);
+    world.run_to(Phase::Fault);
+    assert_eq!(world.latch(), Reason::EmergencyStop);
 }
 
 #[test]

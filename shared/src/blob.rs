@@ -195,6 +195,10 @@ impl Blob {
         require(!self.ropes.is_empty(), "number of ropes (none)")?;
         for (index, rope) in self.ropes.iter().enumerate() {
             rope.check()?;
+            require(
+                rope.length_m <= self.task.longest_rope_m(rope.diameter_m),
+                "rope length (hanging from the task's clamp it lies on the table)",
+            )?;
             let earlier = &self.ropes[..index];
             require(
                 earlier.iter().all(|other| other.name != rope.name),
@@ -215,6 +219,11 @@ impl Blob {
             region.x_m == task.release_x_m && region.z_m == task.release_z_m && region.top_m == task.top_m;
         require(same, "release region (task and policy differ)")?;
         require(ordered(&task.goal_x_m, -2.0, 2.0), "goal range")?;
+        let near = |range: &Interval| ordered(range, -2.0, 2.0);
+        require(
+            near(&task.release_x_m) && near(&task.release_z_m),
+            "release region",
+        )?;
         require(
             task.top_m.iter().all(|value| value.abs() <= 2.0),
             "clamp position",

@@ -264,7 +264,7 @@ coded! {
         NonFinite = 11, "the goal is not a finite number";
         Stale = 12, "the goal is older than half a second";
         FromFuture = 13, "the goal's stamp lies in the future: clocks differ";
-        OutOfOrder = 14, "the goal repeats the id of the one accepted last or is older";
+        OutOfOrder = 14, "older than what came before it: than the goal accepted last, or a reset than the last stop; or the goal repeats an id";
         UnknownRope = 15, "the policy file has no such rope";
         OutOfRange = 16, "the goal lies outside what this rope was seen to reach or the policy was trained for";
         ReleaseOutOfRange = 17, "the release point lies outside the task or beyond the rope's length";
@@ -301,8 +301,8 @@ impl Reason {
             Self::UnknownRope => "`offline inspect` lists the ropes, from 0",
             Self::OutOfRange => "`offline inspect` prints what each rope reaches",
             Self::ReleaseOutOfRange => "the policy does not fit this rope: train it with the rope",
-            Self::Unreachable => "move the task nearer to the arm and freeze again",
-            Self::TooFast => "lower the motion limits and freeze again",
+            Self::Unreachable => "freeze again with the task where the arm reaches it (`--task-origin-m`, `--task-yaw-rad`)",
+            Self::TooFast => "freeze again with the task farther from the arm's limits (`--task-origin-m`, `--task-yaw-rad`)",
             Self::Busy => "wait for `finished_goal_id`, or cancel",
             Self::NotReady => "start the arm's driver; let the arm rest",
             Self::Latched => "look at the arm, then send a reset",

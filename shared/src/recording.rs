@@ -79,6 +79,8 @@ impl Header {
         };
         let plausible = (1..=1_000_000_000).contains(&header.cycle_ns)
             && (1..=1000).contains(&header.cycles_per_target)
+            // Ten times what any command line asks for, and no product with a cycle overflows.
+            && header.silent_cycles_max <= 20_000
             && header.policy_bytes <= crate::blob::MAX_BLOB_BYTES as u64;
         plausible.then_some(header)
     }

@@ -72,6 +72,12 @@ impl SwingTask {
         [self.top_m[0], self.top_m[1] - length_m]
     }
 
+    /// The longest rope of this diameter whose tip hangs clear of the table, m. No swing of a longer one is
+    /// simulated rightly, and the gripper that takes its tip would drive into the table.
+    pub fn longest_rope_m(&self, diameter_m: f64) -> f64 {
+        self.top_m[1] - 0.5 * diameter_m
+    }
+
     /// Distance from the fixed clamp to the point `(x, z)`, m; a rope cannot reach beyond its length.
     pub fn distance_from_top_m(&self, point_m: [f64; 2]) -> f64 {
         libm::hypot(point_m[0] - self.top_m[0], point_m[1] - self.top_m[1])

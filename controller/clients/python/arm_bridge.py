@@ -5,6 +5,7 @@ An arm is an object with these methods; `xarm_bridge.py` and `mujoco_bridge.py` 
     read()              -> (q_rad, dq_rad_s, error_code), measured joints; called every period
     command(q_rad)      sends joints to the arm; may raise ArmError
     grip(closed)        tells the gripper; must not wait for it
+    gripped()           -> whether the gripper is closed on something now; asked once, at the start
     recover()           clears an error so that the arm can stream again; raises ArmError when it cannot
     close()             leaves the arm at rest
 """
@@ -41,13 +42,16 @@ class Bridge:
         self.arm = arm
         self.port = port
         self.clock = clock
-        self.closed = None
+        # Told to the controller, whose first target then leaves the gripper as it is.
+        self.closed = arm.gripped()
         self.sent_seq = 0
         self.error = 0
         self.last_recovery_s = float("-inf")
 
     def turn(self, state):
         """One period; `state` is the newest Phase of the controller, or None."""
+        # Before the reading, which may take long: an old pose must not look new.
+        stamp_ns = time.monotonic_ns()
         q_rad, dq_rad_s, error_code = self.arm.read()
         self.error = error_code or self.error
         target = self.port.newest_target()
@@ -56,7 +60,7 @@ class Bridge:
         elif target is not None and target.seq != self.sent_seq:
             self._follow(target, q_rad)
         gripper = Gripper.CLOSED if self.closed else Gripper.OPEN
-        self.port.send_state(q_rad, dq_rad_s, self.error, gripper)
+        self.port.send_state(q_rad, dq_rad_s, self.error, gripper, stamp_ns)
 
     def _follow(self, target, q_rad):
         farthest = max(abs(goal - now) for goal, now in zip(target.q_rad, q_rad))

@@ -403,12 +403,13 @@ class ArmPort:
         self._target_seq = target.seq
         return target
 
-    def send_state(self, q_rad, dq_rad_s, error_code=0, gripper=Gripper.OPEN):
-        """Reports what the arm measures; without it the controller sends no targets."""
+    def send_state(self, q_rad, dq_rad_s, error_code=0, gripper=Gripper.OPEN, stamp_ns=None):
+        """Reports what the arm measured at `stamp_ns` (time.monotonic_ns(); now where it is left out); without
+        it the controller sends no targets."""
         self._seq += 1
         state = RobotState(
             seq=self._seq,
-            stamp_ns=time.monotonic_ns(),
+            stamp_ns=time.monotonic_ns() if stamp_ns is None else stamp_ns,
             target_seq=self._target_seq,
             q_rad=_joints(*q_rad),
             dq_rad_s=_joints(*dq_rad_s),

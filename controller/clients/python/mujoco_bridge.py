@@ -53,6 +53,10 @@ class MujocoArm:
         """Moves the fingers' set points."""
         self.data.ctrl[JOINTS:] = 0.0 if closed else 0.04
 
+    def gripped(self):
+        """Whether the fingers' set points are closed."""
+        return not self.data.ctrl[JOINTS:].any()
+
     def recover(self):
         """A simulated arm has no errors."""
 

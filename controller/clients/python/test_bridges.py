@@ -29,6 +29,7 @@ class FakeXArmAPI:
         self.error_code = 0
         self.clearable = True
         self.answers = True
+        self.gripper_answer = (0, GRIPPER_OPEN)
 
     def __getattr__(self, name):
         def call(*arguments, **options):
@@ -39,6 +40,9 @@ class FakeXArmAPI:
 
     def get_joint_states(self, is_radian=None, num=3):
         return (0 if self.answers else -1), [self.q_rad + [], [0.0] * JOINTS]
+
+    def get_gripper_position(self):
+        return self.gripper_answer
 
     def set_servo_angle_j(self, angles, is_radian=None):
         self.calls.append(("set_servo_angle_j", tuple(angles), {"is_radian": is_radian}))
@@ -63,12 +67,14 @@ class FakePort:
     def __init__(self):
         self.target = None
         self.states = []
+        self.stamps_ns = []
 
     def newest_target(self):
         return self.target
 
-    def send_state(self, q_rad, dq_rad_s, error_code, gripper):
+    def send_state(self, q_rad, dq_rad_s, error_code, gripper, stamp_ns):
         self.states.append((list(q_rad), error_code, gripper))
+        self.stamps_ns.append(stamp_ns)
 
     def next(self, q_rad, gripper=Gripper.OPEN):
         seq = self.target.seq + 1 if self.target is not None else 1
@@ -114,7 +120,7 @@ class Streaming(WithFakes):
         self.assertEqual(self.api.asked("set_servo_angle_j"), [])
 
     def test_the_gripper_is_told_once_per_change_without_waiting(self):
-        for gripper in (Gripper.OPEN, Gripper.CLOSED, Gripper.CLOSED, Gripper.OPEN):
+        for gripper in (Gripper.CLOSED, Gripper.CLOSED, Gripper.OPEN, Gripper.CLOSED):
             self.port.next(self.near(0.001), gripper)
             self.bridge.turn(Phase.GRASP)
             deadline = time.monotonic() + 5
@@ -122,8 +128,30 @@ class Streaming(WithFakes):
                 time.sleep(0.001)
         self.arm.close()
         told = self.api.asked("set_gripper_position")
-        self.assertEqual([arguments[0] for _, arguments, _ in told], [GRIPPER_OPEN, GRIPPER_CLOSED, GRIPPER_OPEN])
+        self.assertEqual([arguments[0] for _, arguments, _ in told], [GRIPPER_CLOSED, GRIPPER_OPEN, GRIPPER_CLOSED])
         self.assertTrue(all(options == {"wait": False} for _, _, options in told))
+
+
+    def test_a_gripper_that_holds_something_is_reported_and_left_closed(self):
+        for answer in ((0, 140), (0, 0), (3, 850)):
+            self.api.gripper_answer = answer
+            bridge = Bridge(self.arm, self.port)
+            bridge.turn(Phase.WAITING)
+            self.assertEqual(self.port.states[-1][2], Gripper.CLOSED, answer)
+            self.port.next(self.near(0.0), Gripper.CLOSED)
+            bridge.turn(Phase.IDLE)
+        self.assertEqual(self.api.asked("set_gripper_position"), [])
+
+    def test_a_reading_that_takes_long_is_as_old_as_when_it_was_asked_for(self):
+        read = self.arm.read
+
+        def slow():
+            time.sleep(0.05)
+            return read()
+
+        self.arm.read = slow
+        self.bridge.turn(Phase.IDLE)
+        self.assertGreaterEqual(time.monotonic_ns() - self.port.stamps_ns[-1], 50_000_000)
 
 
 class Errors(WithFakes):

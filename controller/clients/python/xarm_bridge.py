@@ -19,6 +19,8 @@ READY = 0
 
 # Pulses of the gripper G1; the SDK does not clip them.
 GRIPPER_OPEN, GRIPPER_CLOSED = 850, 0
+# Fingers nearer to each other than this may hold something.
+GRIPPER_SURELY_OPEN = 800
 # Its fastest, r/min.
 GRIPPER_SPEED = 5000
 
@@ -62,6 +64,11 @@ class XArm:
     def grip(self, closed):
         """Leaves the gripper to its own thread: its bus is slow and must not hold up the stream."""
         self.wishes.put(closed)
+
+    def gripped(self):
+        """Whether the fingers may hold something; a gripper that does not answer may."""
+        code, position = self.api.get_gripper_position()
+        return code != 0 or position < GRIPPER_SURELY_OPEN
 
     def _serve_gripper(self):
         while (closed := self.wishes.get()) is not None:

@@ -43,22 +43,23 @@ pub fn run(blob: &Blob, rate: Rate, duration: Duration) -> Result<(Timing, u64)>
     let mut newest = Status::default();
     let timing = std::thread::scope(|scope| {
         let (config, queues) = (session.config(), &queues);
-        let (report, ready) = mpsc::channel();
+        // Each side has a channel of its own, whose end goes with its thread: waiting for one that gave up ends.
+        let (built, loop_ready) = mpsc::channel();
+        let (arm_built, arm_ready) = mpsc::channel();
+        let (client_built, client_ready) = mpsc::channel();
         let (go, started) = mpsc::channel();
-        let told = report.clone();
-        let thread = scope.spawn(move || run_loop(blob, rate, config, queues, &told, &started));
+        let thread = scope.spawn(move || run_loop(blob, rate, config, queues, &built, &started));
         // The blackboard has to be there before clients come, and they before the loop starts: what
         // connecting costs the machine is not what is measured here.
-        if ready.recv().is_err() {
+        if loop_ready.recv().is_err() {
             return thread.join().expect("the loop's thread does not panic");
         }
         let mut bridge = Bridge::new(&node, voice)?;
         session.announce()?;
-        let (told_arm, told_client) = (report.clone(), report);
         let target_ns = rate.cycle_ns() * u64::from(rate.cycles_per_target());
-        let arm = scope.spawn(move || play_arm(instance.name(), queues, &told_arm));
-        let client = scope.spawn(move || send_goals(blob, target_ns, instance.name(), queues, &told_client));
-        if ready.recv().is_ok() && ready.recv().is_ok() {
+        let arm = scope.spawn(move || play_arm(instance.name(), queues, &arm_built));
+        let client = scope.spawn(move || send_goals(blob, target_ns, instance.name(), queues, &client_built));
+        if arm_ready.recv().is_ok() && client_ready.recv().is_ok() {
             go.send(())?;
         } else {
             queues.ended.store(true, Ordering::Release);

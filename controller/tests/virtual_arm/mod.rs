@@ -172,25 +172,30 @@ impl World {
 
     /// Says in the next cycle that the goal is still wanted.
     pub fn keep_alive(&mut self, goal_id: u64) {
-        self.send(CommandKind::KeepAlive, goal_id);
+        self.next.command = Some(Command {
+            id: goal_id,
+            ..self.order(CommandKind::KeepAlive)
+        });
     }
 
-    fn send(&mut self, kind: CommandKind, id: u64) {
-        self.next.command = Some(Command {
+    /// A command that a client sends now.
+    pub fn order(&mut self, kind: CommandKind) -> Command {
+        self.id += 1;
+        Command {
             magic: COMMAND_MAGIC,
             stamp_ns: self.now_ns,
-            id,
+            id: self.id,
             kind: kind.code(),
             reserved: 0,
-        });
+        }
     }
 
     /// Sends a command and returns the verdict on it.
     pub fn command(&mut self, kind: CommandKind) -> Reason {
-        self.id += 1;
-        self.send(kind, self.id);
+        let command = self.order(kind);
+        self.next.command = Some(command);
         self.cycle();
-        assert_eq!(self.status.command_id, self.id);
+        assert_eq!(self.status.command_id, command.id);
         Reason::from_code(self.status.command_reason).unwrap()
     }
 
