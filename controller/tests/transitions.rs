@@ -277,7 +277,12 @@ fn the_first_target_leaves_the_gripper_as_the_arm_reports_it() {
         world.arm.as_mut().unwrap().gripper = gripper.code();
         world.run(20);
         assert!(!world.targets.is_empty());
-        assert!(world.targets.iter().all(|target| target.gripper == gripper.code()));
+        assert!(
+            world
+                .targets
+                .iter()
+                .all(|target| target.gripper == gripper.code())
+        );
         world.accept();
         world.run_to(Phase::Homing);
         world.run(2);
@@ -290,7 +295,10 @@ fn an_error_of_the_arm_latches_while_waiting_too() {
     let mut world = World::new();
     world.arm.as_mut().unwrap().error_code = 2;
     world.run(3);
-    assert_eq!((world.controller.phase(), world.latch()), (Phase::Fault, Reason::RobotFault));
+    assert_eq!(
+        (world.controller.phase(), world.latch()),
+        (Phase::Fault, Reason::RobotFault)
+    );
     world.arm.as_mut().unwrap().error_code = 0;
     world.run(1);
     assert_eq!(world.command(CommandKind::Reset), Reason::Accepted);

@@ -32,12 +32,8 @@ impl Family for Rope {
 
 /// A rope of about `particles` particles on the table, its start lifted at constant speed.
 fn lift(particles: f64) -> Scene {
-    let mut rope = RopeShape {
-        length_m: particles / 12.0 * 0.6 * DIAMETER_M / PAPER_CELLS_PER_DIAMETER,
-        diameter_m: DIAMETER_M,
-        mass_kg: 1.0,
-    };
-    rope.mass_kg = 1000.0 * rope.volume_m3();
+    let length_m = particles / 12.0 * 0.6 * DIAMETER_M / PAPER_CELLS_PER_DIAMETER;
+    let rope = RopeShape::of_density(length_m, DIAMETER_M, 1000.0);
     let start_m = [0.0, 0.0, 0.5 * DIAMETER_M];
     let pose = |t_s: f64| [0.0, 0.0, start_m[2] + LIFT_M_S * t_s, 0.0, 0.0, 0.0, 1.0];
     let grips = vec![Grip {

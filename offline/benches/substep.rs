@@ -31,13 +31,7 @@ const LIFT_S: f64 = 0.05;
 
 /// A rope as thick as the paper's, 1000 kg/m³.
 fn rope(length_m: f64) -> RopeShape {
-    let mut rope = RopeShape {
-        length_m,
-        diameter_m: DIAMETER_M,
-        mass_kg: 1.0,
-    };
-    rope.mass_kg = 1000.0 * rope.volume_m3();
-    rope
+    RopeShape::of_density(length_m, DIAMETER_M, 1000.0)
 }
 
 /// A rope on the table, its start lifted at constant speed.

@@ -32,12 +32,7 @@ impl Family for Rope {
 
 /// The rope hangs from a gripper that goes through these points, (x, z) in m.
 fn scene(path_m: &[[f64; 2]]) -> Result<Scene, SimError> {
-    let mut rope = RopeShape {
-        length_m: 0.12,
-        diameter_m: 0.014,
-        mass_kg: 1.0,
-    };
-    rope.mass_kg = 1000.0 * rope.volume_m3();
+    let rope = RopeShape::of_density(0.12, 0.014, 1000.0);
     let samples: Vec<_> = path_m
         .iter()
         .enumerate()

@@ -9,8 +9,8 @@
 //! ```
 
 use offline::demo::RopeEnd;
+use offline::sim::Laned;
 use offline::sim::clamp::ClampPath;
-use offline::sim::lanes::Laned;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene};
 use offline::sim::{Dual, Physics, Real, Rollout, SimError, simulate};
@@ -21,12 +21,7 @@ const GUESS_PA: f64 = 0.15e6;
 const ROUNDS: usize = 8;
 
 fn scene() -> Result<Scene, SimError> {
-    let mut rope = RopeShape {
-        length_m: 0.14,
-        diameter_m: 0.014,
-        mass_kg: 1.0,
-    };
-    rope.mass_kg = 1000.0 * rope.volume_m3();
+    let rope = RopeShape::of_density(0.14, 0.014, 1000.0);
     let grips = vec![Grip {
         end: RopeEnd::Start,
         length_m: 0.02,

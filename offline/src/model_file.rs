@@ -97,7 +97,13 @@ pub struct ModelProvenance {
 pub fn swing_hash(rope: &RopeShape, cells: f64) -> Fnv64 {
     let mut hash = Fnv64::default();
     hash.add(&REVISION.to_le_bytes());
-    for value in [rope.length_m, rope.diameter_m, rope.mass_kg, cells] {
+    let RopeShape {
+        length_m,
+        diameter_m,
+        mass_kg,
+        end_mass_kg,
+    } = *rope;
+    for value in [length_m, diameter_m, mass_kg, end_mass_kg, cells] {
         hash.add(&value.to_le_bytes());
     }
     hash
@@ -222,6 +228,7 @@ impl ModelFile {
             length_m,
             diameter_m,
             mass_kg,
+            end_mass_kg,
         } = self.rope;
         for (name, value) in [
             ("length_m", length_m),
@@ -233,6 +240,10 @@ impl ModelFile {
                 "{name} of the rope is {value}: write what the rope measures"
             );
         }
+        anyhow::ensure!(
+            end_mass_kg.is_finite() && end_mass_kg >= 0.0,
+            "end_mass_kg of the rope is {end_mass_kg}: write what hangs at its end, or leave it out"
+        );
         let wanted = Structure::default().parameters();
         let ranges = [YOUNG_RANGE_PA, POISSON_RANGE];
         for ((found, wanted), range) in self.elasticity.iter().zip(&wanted).zip(ranges) {

@@ -1,7 +1,7 @@
 //! What a model does not explain, in millimetres over arc length and time, next to its noise, which
 //! is measured without the model.
 
-use crate::demo::{Demo, StartState};
+use crate::demo::Demo;
 use crate::fit::{Correlation, Evaluation};
 use crate::observe::{Row, station_arcs_m};
 use serde::{Deserialize, Serialize};
@@ -70,30 +70,6 @@ impl ResidualMap {
             offsets_mm,
         }
     }
-}
-
-/// Number of frames in which the rope lies still before any clamp moves or turns.
-pub fn rest_frames(demo: &Demo, times_s: &[f64]) -> usize {
-    const MOVED_M: f64 = 1e-4;
-    const TURNED: f64 = 1e-4;
-    if demo.spec.is_static() || demo.spec.start == StartState::Moving {
-        return 0;
-    }
-    let moves_at = demo
-        .clamps
-        .iter()
-        .filter_map(|samples| {
-            let first = samples.first()?;
-            samples
-                .iter()
-                .find(|s| {
-                    (0..3).any(|k| (s.position_m[k] - first.position_m[k]).abs() > MOVED_M)
-                        || (0..4).any(|k| (s.quaternion_xyzw[k] - first.quaternion_xyzw[k]).abs() > TURNED)
-                })
-                .map(|s| s.t_s)
-        })
-        .fold(f64::INFINITY, f64::min);
-    times_s.iter().filter(|&&t| t < moves_at).count()
 }
 
 /// A fitted rope that misses what was seen by more than this share of its length has explained

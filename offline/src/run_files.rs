@@ -1,7 +1,7 @@
 //! The files of a run: written whole or not at all, and a content hash to tell them apart.
 
 use serde::de::DeserializeOwned;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -179,6 +179,16 @@ impl Fnv64 {
     }
 }
 
+/// What results of this program depend on besides their inputs: its version and the revisions of simulator and diagnosis.
+pub fn made_by() -> String {
+    format!(
+        "{} simulator {} diagnosis {}",
+        crate::PROGRAM,
+        crate::sim::REVISION,
+        crate::diagnose::REVISION
+    )
+}
+
 /// A hash as files and people have it: hexadecimal.
 pub fn hex(hash: u64) -> String {
     format!("{hash:016x}")
@@ -205,6 +215,23 @@ impl RunFolder {
         Self {
             path: path.to_path_buf(),
         }
+    }
+
+    /// Keeps other programs that ask for it out of the folder for as long as the result lives; what a killed one held is
+    /// free. Where folders cannot be locked nobody is kept out.
+    ///
+    /// # Errors
+    /// Another program works in the folder.
+    pub fn hold(&self) -> anyhow::Result<Option<File>> {
+        let Ok(folder) = File::open(&self.path) else {
+            return Ok(None);
+        };
+        anyhow::ensure!(
+            !matches!(folder.try_lock(), Err(TryLockError::WouldBlock)),
+            "another run works in {}: wait for its end, or name another folder with --out",
+            self.path.display()
+        );
+        Ok(Some(folder))
     }
 
     /// The folder itself.
@@ -292,6 +319,17 @@ impl RunFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_is_used_by_one_run_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::open(folder.path()).unwrap();
+        let held = run.hold().unwrap();
+        let refused = run.hold().unwrap_err().to_string();
+        assert!(refused.contains("another run works in"), "{refused}");
+        drop(held);
+        run.hold().unwrap();
+    }
 
     #[test]
     fn a_written_file_replaces_the_old_one_and_leaves_nothing_else() {

@@ -94,6 +94,28 @@ fn a_part_may_begin_before_the_recording() {
     assert_eq!(code, Some(0), "{said}");
 }
 
+/// Hours later would be a bad time to say so, and a controller that believed it would drive its gripper into the table.
+#[test]
+fn a_rope_that_hangs_on_the_table_gets_no_policy() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("long");
+    let long = long.to_str().unwrap();
+    let (code, said) = refusal(&["demo", "cut", FIT, "--to", "1", "--out", long]);
+    assert_eq!(code, Some(0), "{said}");
+    let spec = std::path::Path::new(long).join("demo.toml");
+    let text = std::fs::read_to_string(&spec).unwrap();
+    let text = text.replace("length_m = 0.25", "length_m = 0.29");
+    std::fs::write(&spec, text).unwrap();
+    let out = folder.path().join("run");
+    let (code, said) = refusal(&["run", "--demo", long, "--out", out.to_str().unwrap()]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.contains("a rope of 0.290 m") && said.contains("at most 0.268 m"),
+        "{said}"
+    );
+    assert_eq!(said.lines().count(), 1, "{said}");
+}
+
 #[test]
 fn a_file_in_the_place_of_a_demonstration_is_kept() {
     let folder = tempfile::tempdir().unwrap();

@@ -42,7 +42,69 @@ fn an_exported_demonstration_comes_back() {
     let demo = shipped();
     let (_dir, file) = exported(&demo);
     let back = mcap(&file, &topics(), None, &DEFAULT_TASK_FRAME, &demo.name).unwrap();
-    assert_eq!(back, demo);
+    assert_eq!((back.demo, back.empty_clouds), (demo, 0));
+}
+
+/// A frame in which the rope was out of sight.
+#[test]
+fn a_cloud_without_a_point_is_left_out_and_counted() {
+    let mut demo = shipped();
+    let Observations::Clouds(frames) = &mut demo.observations else {
+        panic!("the sample rope is seen as clouds")
+    };
+    frames[2].points_m = vec![[f64::NAN; 3]; 3];
+    let (_dir, file) = exported(&demo);
+    let back = mcap(&file, &topics(), None, &DEFAULT_TASK_FRAME, &demo.name).unwrap();
+    assert_eq!((back.demo.times_s().len(), back.empty_clouds), (4, 1));
+}
+
+/// The gripper's state must not land on the clamp that happens to be named first.
+#[test]
+fn each_clamp_has_its_own_topic_or_none_has() {
+    let two = McapTopics {
+        clamps: vec![clamp_topic(0), clamp_topic(0)],
+        ..topics()
+    };
+    refused(&two, "1 topics say whether a clamp holds, but there are 2 clamps");
+}
+
+/// As `ros2 bag record` leaves it: a message is recorded later than it was measured, and nothing says when the
+/// demonstration began.
+#[test]
+fn the_first_measurement_is_at_zero_however_late_it_was_recorded() {
+    let demo = shipped();
+    let (dir, file) = exported(&demo);
+    let late = dir.path().join("late.mcap");
+    std::fs::write(&late, recorded_later(&std::fs::read(&file).unwrap(), 80_000_000)).unwrap();
+    let topics = McapTopics {
+        closed: Vec::new(),
+        ..topics()
+    };
+    let back = mcap(&late, &topics, None, &DEFAULT_TASK_FRAME, "late")
+        .unwrap()
+        .demo;
+    let first_s = back.times_s()[0].min(back.clamps[0][0].t_s);
+    assert_eq!(first_s, 0.0);
+    let spans = |demo: &Demo| demo.times_s().last().unwrap() - demo.times_s()[0];
+    assert!((spans(&back) - spans(&demo)).abs() < 1e-6);
+}
+
+/// The recording with every message recorded `by_ns` after it was measured, on channels without metadata.
+fn recorded_later(recording: &[u8], by_ns: u64) -> Vec<u8> {
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+    copy_attachments(recording, &mut writer);
+    for message in mcap::MessageStream::new(recording).unwrap() {
+        let mut message = message.unwrap();
+        message.log_time += by_ns;
+        let channel = mcap::Channel {
+            metadata: std::collections::BTreeMap::new(),
+            ..(*message.channel).clone()
+        };
+        message.channel = std::sync::Arc::new(channel);
+        writer.write(&message).unwrap();
+    }
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
 }
 
 fn refused(topics: &McapTopics, why: &str) {
@@ -98,7 +160,7 @@ fn joints_become_the_flange_in_the_tasks_frame() {
         origin_m: [0.1, 0.2, 0.3],
         yaw_rad: 0.4,
     };
-    let back = mcap(&file, &topics, None, &frame, "joints").unwrap();
+    let back = mcap(&file, &topics, None, &frame, "joints").unwrap().demo;
     let pose = shared::arm::flange(&q);
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -0.4);
     let at = turn * (pose.position_m - Vector3::new(0.1, 0.2, 0.3));
@@ -111,9 +173,7 @@ fn joints_become_the_flange_in_the_tasks_frame() {
     assert!(wanted.angle_to(&got) < 1e-6);
 }
 
-/// The recording with one JointState on /joint_states, whose bytes are put together here by hand.
-fn add_joints(recording: &[u8], q: [f64; 7]) -> Vec<u8> {
-    let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+fn copy_attachments(recording: &[u8], writer: &mut mcap::Writer<std::io::Cursor<Vec<u8>>>) {
     for record in mcap::read::LinearReader::new(recording).unwrap() {
         if let mcap::records::Record::Attachment { header, data, .. } = record.unwrap() {
             let attachment = mcap::Attachment {
@@ -126,6 +186,12 @@ fn add_joints(recording: &[u8], q: [f64; 7]) -> Vec<u8> {
             writer.attach(&attachment).unwrap();
         }
     }
+}
+
+/// The recording with one JointState on /joint_states, whose bytes are put together here by hand.
+fn add_joints(recording: &[u8], q: [f64; 7]) -> Vec<u8> {
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+    copy_attachments(recording, &mut writer);
     let mut first = 0;
     for message in mcap::MessageStream::new(recording).unwrap() {
         let message = message.unwrap();

@@ -78,6 +78,11 @@ pub struct RopeEntry {
     pub effects: heapless::Vec<EffectSummary, MAX_EFFECTS>,
 }
 
+/// Farthest that a task's origin may lie from the arm's base along each axis, m.
+pub const ORIGIN_MAX_M: f64 = 3.0;
+/// Largest turn of a task frame, rad.
+pub const YAW_MAX_RAD: f64 = core::f64::consts::TAU;
+
 /// Maps a task point (x, z) to the position of the flange in the robot's base frame:
 /// origin + Rz(yaw) · (x, 0, z), with the constant tool offset folded into the origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -231,13 +236,13 @@ impl Blob {
         require((0.0..=0.5).contains(&task.grip_m), "grip length")?;
         require((0.0..=60.0).contains(&task.dwell_s), "dwell time")?;
         require(
-            self.frame.origin_m.iter().all(|value| value.abs() <= 3.0),
+            self.frame
+                .origin_m
+                .iter()
+                .all(|value| value.abs() <= ORIGIN_MAX_M),
             "task frame origin",
         )?;
-        require(
-            self.frame.yaw_rad.abs() <= core::f64::consts::TAU,
-            "task frame yaw",
-        )?;
+        require(self.frame.yaw_rad.abs() <= YAW_MAX_RAD, "task frame yaw")?;
         let motion = &self.motion;
         require(
             motion.speed_m_s > 0.0 && motion.speed_m_s <= 1.0,

@@ -133,7 +133,7 @@ type Spoil = fn(&mut Blob);
 
 #[test]
 fn implausible_numbers_are_refused() {
-    let spoilt: [Spoil; 14] = [
+    let spoilt: [Spoil; 15] = [
         |blob| blob.ropes.clear(),
         |blob| blob.ropes.push(rope("red")).expect("below the capacity"),
         |blob| blob.ropes[0].name.clear(),
@@ -142,6 +142,7 @@ fn implausible_numbers_are_refused() {
         |blob| blob.ropes[0].poisson = 0.5,
         |blob| blob.ropes[0].young_se_pa = -1.0,
         |blob| blob.ropes[0].length_m = 300.0,
+        |blob| blob.ropes[0].length_m = 0.27,
         |blob| blob.ropes[0].reach_m.low = 1.0,
         |blob| blob.ropes[0].effects[0].value = f64::INFINITY,
         |blob| blob.motion.speed_m_s = 1.5,

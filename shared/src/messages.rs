@@ -301,8 +301,12 @@ impl Reason {
             Self::UnknownRope => "`offline inspect` lists the ropes, from 0",
             Self::OutOfRange => "`offline inspect` prints what each rope reaches",
             Self::ReleaseOutOfRange => "the policy does not fit this rope: train it with the rope",
-            Self::Unreachable => "freeze again with the task where the arm reaches it (`--task-origin-m`, `--task-yaw-rad`)",
-            Self::TooFast => "freeze again with the task farther from the arm's limits (`--task-origin-m`, `--task-yaw-rad`)",
+            Self::Unreachable => {
+                "freeze again with the task where the arm reaches it (`--task-origin-m`, `--task-yaw-rad`)"
+            }
+            Self::TooFast => {
+                "freeze again with the task farther from the arm's limits (`--task-origin-m`, `--task-yaw-rad`)"
+            }
             Self::Busy => "wait for `finished_goal_id`, or cancel",
             Self::NotReady => "start the arm's driver; let the arm rest",
             Self::Latched => "look at the arm, then send a reset",

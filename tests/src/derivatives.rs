@@ -4,9 +4,9 @@
 use crate::scenes::{knot, rope, start_grip};
 use offline::demo::RopeEnd;
 use offline::effects::{self, ALL};
+use offline::sim::Laned;
 use offline::sim::adjoint::{Cotangent, Differentiated, Family, Precision, differentiate};
 use offline::sim::clamp::{ClampPath, KnotShift, PathShift};
-use offline::sim::lanes::Laned;
 use offline::sim::physics::ForceField;
 use offline::sim::real::Arithmetic;
 use offline::sim::rope::RopeShape;

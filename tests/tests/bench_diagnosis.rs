@@ -56,7 +56,7 @@ fn finished_answers_stay_and_missing_ones_are_made_the_same_again() {
     for cell in &cells {
         truth::make(&Rod, &cell.truth(), &out.join("truths")).unwrap();
     }
-    let first = run(&cells[..1], out, &|_| {}).unwrap().remove(0);
+    let first = run(&cells[..1], out, &|_| {}).unwrap().answers.remove(0);
     assert_eq!(first.said, Said::Nothing, "{first:?}");
 
     // The other cell has an answer that tells whether it is kept; the first one's is cut short, as no write
@@ -71,8 +71,8 @@ fn finished_answers_stay_and_missing_ones_are_made_the_same_again() {
     std::fs::write(file(out, &first.cell), &whole[..whole.len() / 2]).unwrap();
 
     let second = run(&cells, out, &|_| {}).unwrap();
-    assert_eq!(without_time(&second[0]), without_time(&first));
-    assert_eq!(second[1].words, "kept");
+    assert_eq!(without_time(&second.answers[0]), without_time(&first));
+    assert_eq!(second.answers[1].words, "kept");
 
     let text = table::text(&counted(&second));
     assert!(text.contains("G3, the independent rod"), "{text}");

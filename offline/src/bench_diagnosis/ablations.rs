@@ -85,7 +85,7 @@ mod tests {
             alarmed.cell.without = Some(Part::Whitening);
             answers.extend([plain, alarmed]);
         }
-        let tally = tally("g2", &answers, 0.1);
+        let tally = tally("g2", &answers, 0, 0.1);
         let whitening = &tally.ablations[0];
         assert_eq!(whitening.figure, Figure::Rate(Rate { hits: 40, of: 40 }));
         assert_eq!(whitening.met, Some(true));
@@ -115,7 +115,7 @@ mod tests {
         answers.push(empty.clone());
         empty.cell.without = Some(Part::Nuisances);
         answers.push(empty);
-        let tally = tally("g2", &answers, 0.1);
+        let tally = tally("g2", &answers, 0, 0.1);
         let scored = &tally.ablations[3];
         assert_eq!(scored.figure, Figure::Rate(Rate { hits: 12, of: 12 }));
         assert!(scored.target.ends_with("2.0 instead of 0.1"), "{}", scored.target);

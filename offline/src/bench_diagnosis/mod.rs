@@ -25,7 +25,7 @@ pub mod truth;
 
 use self::cells::{Cell, Extent, matrix};
 use self::reality::{Finer, Reality, Repertoire};
-use self::run::Answer;
+use self::run::Answers;
 use self::tally::{Tally, tally};
 use self::truth::TruthKey;
 use crate::run_files::{read_whole, write_whole};
@@ -112,11 +112,15 @@ pub fn questions(out: &Path, extent: &Extent) -> anyhow::Result<Vec<Cell>> {
 }
 
 /// Counts answers, each reality for itself.
-pub fn counted(answers: &[Answer]) -> Vec<Tally> {
+pub fn counted(all: &Answers) -> Vec<Tally> {
+    let answers = &all.answers;
     ["g2", "g3"]
         .into_iter()
         .zip(VALUE_TARGETS)
         .filter(|(world, _)| answers.iter().any(|a| a.cell.world == *world))
-        .map(|(world, target)| tally(world, answers, target))
+        .map(|(world, target)| {
+            let left_out = all.left_out.iter().filter(|cell| cell.world == *world).count();
+            tally(world, answers, left_out, target)
+        })
         .collect()
 }

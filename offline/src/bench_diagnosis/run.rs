@@ -2,17 +2,17 @@
 //! where it stopped.
 
 use super::cells::Cell;
-use super::experiment::{FITTED, MOTIONS};
+use super::experiment::{FITTED, MOTIONS, SEALED};
 use super::follow_up::{FollowUp, follow_up};
 use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
 use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
 use crate::effects;
-use crate::fit::Resolution;
+use crate::fit::{FitError, Problem, Resolution};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
-use crate::run_files::{kept, write_whole};
+use crate::run_files::{kept, made_by, write_whole};
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,9 @@ pub struct Value {
 /// What the diagnosis said of a cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
+    /// The program that gave it.
+    #[serde(default)]
+    pub made_by: String,
     /// The cell.
     pub cell: Cell,
     /// Kind of the verdict.
@@ -74,6 +77,9 @@ pub struct Answer {
     pub values: Vec<Value>,
     /// Held-out error of base model and final model, and the noise floor there, mm.
     pub held_out_mm: [f64; 3],
+    /// The same in a motion that neither fit nor choice of the model has seen; none where it could not be simulated.
+    #[serde(default)]
+    pub sealed_mm: Option<[f64; 3]>,
     /// Error where fitted, of base model and final model, and the noise floor there, mm.
     pub fitted_mm: [f64; 3],
     /// Discretisation error that the first round estimated, mm.
@@ -95,32 +101,51 @@ pub fn file(out: &Path, cell: &Cell) -> PathBuf {
     out.join("cells").join(format!("{}.json", cell.name()))
 }
 
+/// The answer of an earlier run of this program; none of another version.
+pub fn answered(out: &Path, cell: &Cell) -> Option<Answer> {
+    kept::<Answer>(&file(out, cell)).filter(|answer| answer.made_by == made_by())
+}
+
+/// Whether an earlier run found that there is no such cell.
+pub fn was_left_out(out: &Path, cell: &Cell) -> bool {
+    let truth = truth::read(&out.join("truths"), &cell.truth());
+    truth.is_ok_and(|truth| truth.is_some_and(|truth| truth.missing.is_some()))
+}
+
+/// What was answered.
+#[derive(Debug, Default)]
+pub struct Answers {
+    /// In the order of the cells' names.
+    pub answers: Vec<Answer>,
+    /// Cells that are none, because their cause cannot be so strong or no such size was found.
+    pub left_out: Vec<Cell>,
+}
+
 /// Answers of all cells whose truth is there, those of earlier runs included. Where a truth of G2 is not
 /// there it is made; those of other realities are only read. Cells whose cause cannot be so strong are
 /// left out; `told` hears why, and of every answer.
 ///
 /// # Errors
 /// A file cannot be read or written, or the rope without a cause cannot be simulated.
-pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Vec<Answer>> {
+pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Answers> {
     let finished = std::sync::atomic::AtomicUsize::new(0);
     // A bridge hands the cells out in their order, so that a run that is stopped has the first of them.
     let answers = cells
         .iter()
         .par_bridge()
-        .map(|cell| -> anyhow::Result<Option<Answer>> {
-            let path = file(out, cell);
-            if let Some(answer) = kept::<Answer>(&path) {
+        .map(|cell| -> anyhow::Result<Result<Answer, Cell>> {
+            if let Some(answer) = answered(out, cell) {
                 finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                return Ok(Some(answer));
+                return Ok(Ok(answer));
             }
             let answer = match truth_of(cell, out)? {
                 Ok(truth) => ask(cell, &truth),
                 Err(reason) => {
                     told(&format!("{} is left out: {reason}", cell.name()));
-                    return Ok(None);
+                    return Ok(Err(cell.clone()));
                 }
             };
-            write_whole(&path, &serde_json::to_vec_pretty(&answer)?)?;
+            write_whole(&file(out, cell), &serde_json::to_vec_pretty(&answer)?)?;
             let done = finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             told(&format!(
                 "{done} of {}: {} in {:.0} s: {}",
@@ -129,12 +154,18 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
                 answer.wall_s,
                 answer.words
             ));
-            Ok(Some(answer))
+            Ok(Ok(answer))
         })
         .collect::<anyhow::Result<Vec<_>>>()?;
-    let mut answers: Vec<Answer> = answers.into_iter().flatten().collect();
-    answers.sort_by_key(|answer| answer.cell.name());
-    Ok(answers)
+    let mut all = Answers::default();
+    for one in answers {
+        match one {
+            Ok(answer) => all.answers.push(answer),
+            Err(cell) => all.left_out.push(cell),
+        }
+    }
+    all.answers.sort_by_key(|answer| answer.cell.name());
+    Ok(all)
 }
 
 /// What happened in a cell, or why there is no such thing.
@@ -184,16 +215,45 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     let fit: Vec<&Demo> = fit.iter().collect();
     let held_out: Vec<&Demo> = held_out.iter().collect();
     match close_loop(&fit, &held_out, &options, &|_| {}) {
-        Ok(outcome) => Answer {
-            follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
-            ..answer(cell, truth, &outcome, start.elapsed().as_secs_f64())
-        },
+        Ok(outcome) => {
+            let plain = answer(cell, truth, &outcome, start.elapsed().as_secs_f64());
+            Answer {
+                follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
+                sealed_mm: sealed_mm(cell, truth, &outcome, options.resolution)
+                    .ok()
+                    .flatten(),
+                ..plain
+            }
+        }
         Err(error) => failed(cell, error.to_string(), start.elapsed().as_secs_f64()),
     }
 }
 
+/// What base and final model leave of the sealed motion, and the noise floor there, mm; none where it was not played.
+fn sealed_mm(
+    cell: &Cell,
+    truth: &Truth,
+    outcome: &Outcome,
+    resolution: Resolution,
+) -> Result<Option<[f64; 3]>, FitError> {
+    let Some(track) = truth.tracks.get(MOTIONS.len()) else {
+        return Ok(None);
+    };
+    let seed = cell.noise_seed().wrapping_add(MOTIONS.len() as u64);
+    let demo = SEALED.demo(track, 1e-3 * cell.noise_mm, seed);
+    let mut problem = Problem::new(&[&demo], resolution)?;
+    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    let left = |structure: &Structure, theta: &[f64]| -> Result<ResidualSummary, FitError> {
+        Ok(ResidualSummary::of(&problem.residuals(structure, theta)?))
+    };
+    let before = left(&Structure::default(), &outcome.base.best.theta)?;
+    let after = left(&outcome.structure, &outcome.fitted.best.theta)?;
+    Ok(Some([before.rms_mm, after.rms_mm, after.floor_mm]))
+}
+
 fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
     Answer {
+        made_by: made_by(),
         cell: cell.clone(),
         said: Said::Failed,
         words,
@@ -203,6 +263,7 @@ fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
         set: Vec::new(),
         values: Vec::new(),
         held_out_mm: [0.0; 3],
+        sealed_mm: None,
         fitted_mm: [0.0; 3],
         discretisation_mm: 0.0,
         significant: None,
@@ -229,6 +290,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     let floor = ResidualSummary::of(&outcome.held_out_after).floor_mm;
     let fitted = ResidualSummary::of(&outcome.fitted.best);
     Answer {
+        made_by: made_by(),
         cell: cell.clone(),
         said,
         words: outcome.verdict.to_string(),
@@ -242,6 +304,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         named,
         set,
         held_out_mm: [before, after, floor],
+        sealed_mm: None,
         fitted_mm: [
             ResidualSummary::of(&outcome.base.best).rms_mm,
             fitted.rms_mm,

@@ -75,7 +75,7 @@ mod tests {
             answer(&[], 0.0, &["air_drag"], &[]),
             answer(&["tip_mass"], 5.0, &["tip_mass"], &[]),
         ];
-        let text = text(&[tally("g2", &answers, 0.1)]);
+        let text = text(&[tally("g2", &answers, 0, 0.1)]);
         let line = |start: &str| {
             text.lines()
                 .find(|l| l.trim_start().starts_with(start))

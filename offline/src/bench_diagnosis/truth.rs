@@ -1,6 +1,6 @@
 //! What really happened: how large a cause must be to be seen that well, and where the rope then was.
 
-use super::experiment::{FITTED, MOTIONS, Motion, Track};
+use super::experiment::{FITTED, MOTIONS, Motion, Track, played};
 use super::reality::{Part, Reality, largest_size, part};
 use crate::collect::stream;
 use crate::demo::Demo;
@@ -8,6 +8,7 @@ use crate::effects;
 use crate::fit::{Evaluation, FitError, Problem, Resolution, fit_from};
 use crate::model::Structure;
 use crate::run_files::{Fnv64, read_whole, write_whole};
+use crate::sim::REVISION;
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use anyhow::{Context, anyhow};
 use rand::RngExt;
@@ -49,6 +50,9 @@ impl TruthKey {
 /// What really happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
+    /// [`crate::sim::REVISION`] of the simulator that played it or, for another reality, found the sizes of its causes.
+    #[serde(default)]
+    pub revision: u32,
     /// Which one.
     pub key: TruthKey,
     /// Young's modulus, Pa.
@@ -57,7 +61,7 @@ pub struct Truth {
     pub parts: Vec<Part>,
     /// Why there is no such truth: the cause cannot be as strong within its physical range.
     pub missing: Option<String>,
-    /// Where the markers were, m: per motion, frame and marker.
+    /// Where the markers were, m: per motion that was [`played`], frame and marker.
     pub tracks: Vec<Track>,
 }
 
@@ -66,7 +70,7 @@ pub fn file(folder: &Path, key: &TruthKey) -> PathBuf {
     folder.join(format!("{}.json", key.name()))
 }
 
-/// Reads a truth; none where it was not made.
+/// Reads a truth; none where it was not made, or with another revision of the simulator.
 ///
 /// # Errors
 /// The file is not a truth.
@@ -81,7 +85,7 @@ pub fn read(folder: &Path, key: &TruthKey) -> anyhow::Result<Option<Truth>> {
             path.display()
         )
     })?;
-    Ok(Some(truth))
+    Ok((truth.revision == REVISION).then_some(truth))
 }
 
 /// Makes a truth and writes it, unless it is there.
@@ -101,6 +105,7 @@ fn play(reality: &dyn Reality, key: &TruthKey) -> anyhow::Result<Truth> {
     let young_pa = key.young_pa();
     let failed = |error: String| anyhow!("{}: {error}", key.name());
     let mut truth = Truth {
+        revision: REVISION,
         key: key.clone(),
         young_pa,
         parts: Vec::new(),
@@ -127,7 +132,7 @@ fn play(reality: &dyn Reality, key: &TruthKey) -> anyhow::Result<Truth> {
             }
         }
     }
-    match reality.tracks(young_pa, &truth.parts, &MOTIONS) {
+    match reality.tracks(young_pa, &truth.parts, &played()) {
         Ok(tracks) => truth.tracks = tracks.into_iter().map(rounded).collect(),
         Err(error) if key.causes.is_empty() => return Err(failed(error)),
         Err(error) => truth.missing = Some(error),

@@ -34,7 +34,15 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         });
     }
     if arguments.count {
-        chosen.retain(|cell| run::file(&arguments.out, cell).exists());
+        let out = &arguments.out;
+        let others = |cell: &Cell| run::file(out, cell).exists() && run::answered(out, cell).is_none();
+        let others = chosen.iter().filter(|cell| others(cell)).count();
+        if others > 0 {
+            reporter.say(&format!(
+                "{others} answers are of another version of the program and not counted"
+            ));
+        }
+        chosen.retain(|cell| run::answered(out, cell).is_some() || run::was_left_out(out, cell));
     }
     if chosen.iter().all(|cell| cell.world == "g2") {
         reporter.say(

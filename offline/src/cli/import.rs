@@ -1,12 +1,11 @@
 //! `offline demo import …` and `offline demo export …`.
 
 use super::demos::write;
-use super::numbers::{above_zero, finite};
-use super::output::print;
+use super::numbers::above_zero;
+use super::output::{note, print};
+use super::place::Place;
 use clap::{Args, Subcommand};
 use offline::demo::{Demo, DemoSpec, export_mcap, import, recording};
-use shared::arm::DEFAULT_TASK_FRAME;
-use shared::blob::TaskFrame;
 use std::path::PathBuf;
 
 /// Where a recording comes from.
@@ -69,13 +68,8 @@ pub struct McapArguments {
     /// A demo.toml that declares rope, clamps and cameras; the recording's attachment by default.
     #[arg(long, value_name = "FILE")]
     spec: Option<PathBuf>,
-    /// Where the flange is in the arm's base frame when the rope's end is at the world's origin, m.
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], value_parser = finite,
-        allow_negative_numbers = true, default_values_t = DEFAULT_TASK_FRAME.origin_m)]
-    task_origin_m: Vec<f64>,
-    /// Turn of the world about the arm's vertical axis, rad.
-    #[arg(long, value_parser = finite, allow_negative_numbers = true, default_value_t = DEFAULT_TASK_FRAME.yaw_rad)]
-    task_yaw_rad: f64,
+    #[command(flatten)]
+    place: Place,
     /// Demonstration folder to write.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -133,7 +127,14 @@ pub fn import(source: ImportCommand, json: bool) -> anyhow::Result<()> {
         ImportCommand::Wires(a) => (import::wires(&a.dir)?, a.out),
         ImportCommand::Mcap(a) => {
             let folder = a.out.clone();
-            return write(&mcap(a)?, &folder, json);
+            let read = mcap(a)?;
+            if read.empty_clouds > 0 {
+                note(format_args!(
+                    "left out {} clouds without a point",
+                    read.empty_clouds
+                ));
+            }
+            return write(&read.demo, &folder, json);
         }
         ImportCommand::Deform(a) => (import::deform(&a.folders.dir, a.rate_hz)?, a.folders.out),
         ImportCommand::Noodle(a) => (import::noodle(&a.folders.dir, a.rate_hz)?, a.folders.out),
@@ -144,19 +145,14 @@ pub fn import(source: ImportCommand, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn mcap(a: McapArguments) -> anyhow::Result<Demo> {
+fn mcap(a: McapArguments) -> anyhow::Result<import::FromMcap> {
     let topics = import::McapTopics {
         cloud: a.cloud_topic,
         clamps: a.clamp_topic,
         joints: a.joint_topic,
         closed: a.closed_topic,
     };
-    let origin_m: [f64; 3] = a.task_origin_m.try_into().expect("clap counts three values");
-    let frame = TaskFrame {
-        origin_m,
-        yaw_rad: a.task_yaw_rad,
-    };
     let spec = a.spec.as_deref().map(DemoSpec::load).transpose()?;
     let name = a.out.file_name().map_or("demo".into(), |n| n.to_string_lossy());
-    Ok(import::mcap(&a.file, &topics, spec, &frame, &name)?)
+    Ok(import::mcap(&a.file, &topics, spec, &a.place.frame(), &name)?)
 }

@@ -5,6 +5,7 @@ mod demos;
 mod import;
 mod numbers;
 mod output;
+mod place;
 mod progress;
 mod reproduce;
 mod runs;
@@ -164,6 +165,8 @@ struct RunArguments {
     /// Threads; all cores by default.
     #[arg(long, value_parser = threads())]
     threads: Option<usize>,
+    #[command(flatten)]
+    place: place::Place,
 }
 
 /// What is verified.
@@ -264,7 +267,9 @@ pub fn run(arguments: Arguments) -> ExitCode {
 }
 
 fn is_stop(error: &anyhow::Error) -> bool {
-    error
-        .chain()
-        .any(|cause| cause.to_string() == offline::collect::Stopped.to_string())
+    let training = error.downcast_ref::<offline::train::TrainError>();
+    matches!(training, Some(offline::train::TrainError::Stopped))
+        || error
+            .chain()
+            .any(|cause| cause.to_string() == offline::collect::Stopped.to_string())
 }

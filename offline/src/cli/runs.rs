@@ -12,7 +12,7 @@ use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::pipeline::{
     Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, fit, freeze_policy,
-    identify, learn, profile, rollouts,
+    identify, learn, profile, refuse_unswingable, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -35,6 +35,12 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     set_threads(arguments.threads)?;
     let (demos, held_out, name) = chosen(arguments)?;
     let inputs = Inputs::load(&name, &demos, &held_out)?;
+    if last > Stage::Diagnose {
+        refuse_unswingable(&inputs)?;
+    }
+    for warning in inputs.differences() {
+        reporter.say(&format!("warning: {warning}"));
+    }
     for demo in inputs.demos.iter().chain(&inputs.held_out) {
         for warning in offline::demo::warnings(demo) {
             reporter.say(&format!("warning: {}: {warning}", demo.name));
@@ -45,8 +51,10 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .out
         .clone()
         .unwrap_or_else(|| Path::new("runs").join(&name));
+    let run = RunFolder::open(&out)?;
+    let _held = run.hold()?;
     let job = Job {
-        run: RunFolder::open(&out)?,
+        run,
         inputs,
         settings,
         arguments,
@@ -197,7 +205,7 @@ impl Job<'_> {
         let frozen = freeze_policy(
             identified,
             learned,
-            &self.settings,
+            (&self.settings, self.arguments.place.frame()),
             &self.inputs.hashes,
             &self.run,
         )?;
@@ -432,7 +440,7 @@ fn estimate_line(e: &Estimate) -> String {
 fn say_learned(learned: &Learned, reporter: &Reporter) {
     if let Some(miss) = &learned.evaluation.miss {
         reporter.say(&format!(
-            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} unseen ropes and goals (median {:.1}, p90 {:.1})",
+            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} goals of unseen ropes (median {:.1}, p90 {:.1})",
             miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
         ));
     }
@@ -460,6 +468,7 @@ fn finish(
         },
         "seed": job.arguments.seed,
         "settings": job.settings,
+        "task_frame": job.arguments.place.frame(),
         "threads": rayon::current_num_threads(),
         "hashes": hashes(job, dataset, last),
         "summary": summary,
@@ -498,9 +507,9 @@ fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
         "model": file(run.model(), Stage::Fit),
         "dataset": dataset.map(hex),
         "weights": file(run.weights(), Stage::Train),
-        "evaluation": file(run.evaluation(), Stage::Evaluate),
+        "evaluation": file(run.evaluation(), Stage::Train),
         "blob": file(run.blob(), Stage::Freeze),
-        "tables": file(run.tables(), Stage::Report),
+        "tables": file(run.tables(), Stage::Diagnose),
         "report": file(run.report(), Stage::Report),
     })
 }

@@ -12,6 +12,7 @@ mod plausible;
 mod points;
 mod read;
 mod recording;
+mod rest;
 mod ros;
 mod summary;
 mod table;
@@ -231,6 +232,17 @@ pub struct ClampSample {
     pub quaternion_xyzw: [f64; 4],
     /// Whether the clamp holds the rope.
     pub closed: bool,
+}
+
+/// Takes of each orientation the quaternion, q or -q, that is nearer to the one before: interpolation
+/// between neighbours then never turns the long way round.
+fn make_continuous(path: &mut [ClampSample]) {
+    for k in 1..path.len() {
+        let (before, now) = (path[k - 1].quaternion_xyzw, path[k].quaternion_xyzw);
+        if (0..4).map(|c| before[c] * now[c]).sum::<f64>() < 0.0 {
+            path[k].quaternion_xyzw = now.map(|c| -c);
+        }
+    }
 }
 
 impl ClampSample {

@@ -3,7 +3,7 @@
 use super::check::Declared;
 use super::table::{Table, line_of_row};
 use super::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, MarkerSample, Observations};
-use super::{check, points};
+use super::{check, make_continuous, points};
 use crate::toml_lines::line_at;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
@@ -102,6 +102,7 @@ fn read_clamp(file: &Path) -> Result<Vec<ClampSample>, DemoError> {
             closed: table.flag(row, "closed")?,
         });
     }
+    make_continuous(&mut path);
     Ok(path)
 }
 

@@ -4,8 +4,6 @@ use super::plausible;
 use super::{ClampSample, Demo, DemoSpec, Observations, RopeEnd, RopeMeasure, SceneKind};
 use std::fmt::Write as _;
 
-/// A clamp that has moved by less than this is at rest, m.
-const STILL_M: f64 = 2e-4;
 /// Frames at rest that make a useful estimate of the sensor's noise.
 const REST_FRAMES: usize = 3;
 /// Speeds of a clamp that no lift or drag needs, m/s.
@@ -49,7 +47,7 @@ pub fn summary(demo: &Demo) -> String {
     let _ = writeln!(
         text,
         "rest      {} frames before the first motion",
-        rest_frames(demo, &frames)
+        demo.rest_frames(&demo.times_s())
     );
     let table = demo.spec.table.as_ref().map_or("no table".to_owned(), |table| {
         format!(
@@ -90,7 +88,7 @@ pub fn warnings(demo: &Demo) -> Vec<String> {
     found.extend(heights(demo, &frames));
     found.extend(reach(demo, &frames));
     found.extend(plausible::contradictions(demo, &frames));
-    if demo.spec.scene == SceneKind::Lift && rest_frames(demo, &frames) < REST_FRAMES {
+    if demo.spec.scene == SceneKind::Lift && demo.rest_frames(&demo.times_s()) < REST_FRAMES {
         found.push(format!(
             "fewer than {REST_FRAMES} frames before the clamp moves: the sensor's noise cannot be checked; \
              record some rest first"
@@ -173,19 +171,6 @@ fn fastest(path: &[ClampSample]) -> f64 {
         distance(&pair[0].position_m, &pair[1].position_m) / (pair[1].t_s - pair[0].t_s)
     };
     path.windows(2).map(speed).fold(0.0, f64::max)
-}
-
-/// Frames before any clamp has left its first place.
-fn rest_frames(demo: &Demo, frames: &[Frame<'_>]) -> usize {
-    let leaves = |path: &Vec<ClampSample>| {
-        let first = path[0].position_m;
-        let moved = path
-            .iter()
-            .find(|sample| distance(&sample.position_m, &first) > STILL_M);
-        moved.map_or(f64::INFINITY, |sample| sample.t_s)
-    };
-    let start = demo.clamps.iter().map(leaves).fold(f64::INFINITY, f64::min);
-    frames.iter().filter(|frame| frame.t_s < start).count()
 }
 
 fn timing(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
-use super::gates::{Gate, refinement_gate, superfluous, taken_away_mm};
+use super::gates::{Gate, not_refined, refinement_gate, superfluous, taken_away_mm};
 use super::memory::KeptModel;
 use super::revise::needs_not;
 use super::round::Refit;
@@ -84,7 +84,7 @@ impl Choice {
         mut tried: Vec<Tried>,
         options: &LoopOptions,
         progress: &dyn Fn(&str),
-    ) -> Result<(), FitError> {
+    ) {
         sort_by_likelihood(&mut tried);
         if !tried.is_empty() {
             let leave: Vec<String> = tried.iter().map(|t| t.refit.in_brief()).collect();
@@ -99,12 +99,11 @@ impl Choice {
             if self.accepted.is_none() && refit.passed {
                 refit.ask(last_gates(
                     bench, &model, &refit.ids, &now.left, options, progress,
-                )?);
+                ));
             }
             self.consider(&refit, model);
             self.refits.push(refit);
         }
-        Ok(())
     }
 
     /// Takes a model for the winner or for one that ties with it, if it is.
@@ -125,9 +124,6 @@ impl Choice {
 
 /// What is asked last of a model that passed everything else, because it costs most: whether the effects `added` stay the
 /// same on a finer grid and, of several, whether each is needed. `before` is what the model leaves without them.
-///
-/// # Errors
-/// The finer grid cannot be simulated.
 pub(super) fn last_gates(
     bench: &Bench,
     model: &Standing,
@@ -135,12 +131,12 @@ pub(super) fn last_gates(
     before: &ResidualSummary,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
-) -> Result<Vec<Gate>, FitError> {
+) -> Vec<Gate> {
     let name = effects::together(added);
     let mut gates = Vec::new();
     if options.without != Some(Part::Refinement) {
         progress(&format!("checking {name} on a finer grid"));
-        gates = refine(bench, model, added, before)?;
+        gates = refine(bench, model, added, before).unwrap_or_else(|error| vec![not_refined(&error)]);
     }
     if added.len() > 1 && gates.iter().all(|gate| gate.passed) {
         progress(&format!("asking whether {name} are all needed"));
@@ -149,7 +145,7 @@ pub(super) fn last_gates(
     for failed in gates.iter().filter(|gate| !gate.passed) {
         progress(&format!("not {}: {}", failed.name, failed.detail));
     }
-    Ok(gates)
+    gates
 }
 
 /// Sorts refits, the likeliest first.

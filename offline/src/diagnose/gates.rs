@@ -5,6 +5,7 @@ use super::round::Refit;
 use super::rounds::LoopOptions;
 use super::score::Subset;
 use crate::effects::{self, EffectSpec};
+use crate::fit::FitError;
 use crate::model::{Estimate, Structure, effect_parameters};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,15 @@ impl Gate {
     }
 }
 
+/// The gate of effects that could not be asked for on the finer grid.
+pub(super) fn not_refined(error: &FitError) -> Gate {
+    Gate::new(
+        "grid refinement",
+        false,
+        format!("the finer grid could not be simulated: {error}"),
+    )
+}
+
 /// The gate of a refit that was not followed to its end.
 pub(super) fn given_up(evaluations: usize) -> Gate {
     let detail = format!(
@@ -40,11 +50,24 @@ pub(super) fn given_up(evaluations: usize) -> Gate {
 }
 
 /// Share of the excess over the noise, SSE above floor, that `after` removes from `before`; what the
-/// simulation itself is known to be off by, `numerical_mm` rms, is no excess that physics could remove.
-pub(super) fn excess_removed(before: &ResidualSummary, after: &ResidualSummary, numerical_mm: f64) -> f64 {
+/// simulation itself is known to be off by, `numerical_mm` rms, is no excess that physics could remove. None where there
+/// is no excess.
+pub(super) fn excess_removed(
+    before: &ResidualSummary,
+    after: &ResidualSummary,
+    numerical_mm: f64,
+) -> Option<f64> {
     let square = |r: &ResidualSummary| r.rms_mm * r.rms_mm;
     let excess = square(before) - before.floor_mm * before.floor_mm - numerical_mm * numerical_mm;
-    (square(before) - square(after)) / excess.max(f64::MIN_POSITIVE)
+    (excess > 0.0).then(|| (square(before) - square(after)) / excess)
+}
+
+/// A share of the excess over the noise for people.
+pub(super) fn share_in_words(share: Option<f64>) -> String {
+    share.map_or_else(
+        || "no part (there is none)".into(),
+        |share| format!("{:.0} %", 100.0 * share),
+    )
 }
 
 /// Root mean square of what a refit took away, mm.
@@ -68,7 +91,8 @@ pub(super) fn explain_their_share(
     [before, after]: [&ResidualSummary; 2],
     options: &LoopOptions,
 ) -> bool {
-    excess_removed(before, after, 0.0) >= smallest_share(effects, options)
+    // Where there is none, none has to be explained.
+    excess_removed(before, after, 0.0).is_none_or(|share| share >= smallest_share(effects, options))
 }
 
 /// Gates that need no further simulation, of a refit in which so many of what was added is free.
@@ -88,8 +112,8 @@ pub(super) fn statistical_gates(
             name,
             explain_their_share(candidate.ids.len(), left, options),
             format!(
-                "{:.0} % of the excess over the noise where {place}",
-                100.0 * excess_removed(left[0], left[1], 0.0)
+                "{} of the excess over the noise where {place}",
+                share_in_words(excess_removed(left[0], left[1], 0.0))
             ),
         )
     };
@@ -132,8 +156,8 @@ pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &Loop
         "explained share, beyond fewer",
         explain_their_share(1, [&fewer.fit, left], options),
         format!(
-            "{:.0} % of the excess over the noise that {} leaves where fitted",
-            100.0 * excess_removed(&fewer.fit, left, 0.0),
+            "{} of the excess over the noise that {} leaves where fitted",
+            share_in_words(excess_removed(&fewer.fit, left, 0.0)),
             effects::together(&fewer.ids)
         ),
     )
@@ -198,16 +222,17 @@ fn off_nothing(free: usize, left: [&ResidualSummary; 2], held: [&ResidualSummary
         "off nothing",
         statistic > by_chance || foresees(held[0], held[1]),
         format!(
-            "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; {:.0} % of the \
+            "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; {} of the \
              excess over the noise where held out",
-            100.0 * excess_removed(held[0], held[1], 0.0)
+            share_in_words(excess_removed(held[0], held[1], 0.0))
         ),
     )
 }
 
 /// Whether a model foresees what one without an effect does not: most of the excess where held out, and more than noise.
 fn foresees(without: &ResidualSummary, with: &ResidualSummary) -> bool {
-    excess_removed(without, with, 0.0) >= MOST && taken_away_mm(without, with) >= without.floor_mm
+    excess_removed(without, with, 0.0).is_some_and(|share| share >= MOST)
+        && taken_away_mm(without, with) >= without.floor_mm
 }
 
 /// Likelihood ratio of a model with an effect against one without it, and what chance reaches.
@@ -394,7 +419,9 @@ mod tests {
     fn what_the_simulation_is_off_by_is_no_excess_that_physics_removes() {
         let before = residual(6f64.sqrt());
         let after = residual(2f64.sqrt());
-        assert!((excess_removed(&before, &after, 0.0) - 0.8).abs() < 1e-12);
-        assert!((excess_removed(&before, &after, 1.0) - 1.0).abs() < 1e-12);
+        let removed = |numerical_mm: f64| excess_removed(&before, &after, numerical_mm);
+        assert!((removed(0.0).unwrap() - 0.8).abs() < 1e-12);
+        assert!((removed(1.0).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(removed(2.5), None, "nothing is in excess");
     }
 }

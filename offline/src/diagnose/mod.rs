@@ -8,6 +8,9 @@
 //! is calibrated by pseudo-data: the difference between the model on two grids, scaled up to the
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
+/// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
+pub const REVISION: u32 = 1;
+
 mod added;
 mod batch;
 mod choice;

@@ -9,7 +9,6 @@
 
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
-use crate::residual::rest_frames;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -54,7 +53,7 @@ impl Noise {
     pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
         for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
-            let frames = rest_frames(demo, &scene.frame_times_s);
+            let frames = demo.rest_frames(&scene.frame_times_s);
             if frames >= MIN_REST_FRAMES {
                 let stations = station_arcs_m(demo).len();
                 series.extend(rest_series(rows, frames, stations));
@@ -122,8 +121,8 @@ fn independent(correlation: f64) -> f64 {
 
 /// Offsets of one station along one direction over the frames at rest, in declared standard errors.
 struct Series {
-    /// Station and direction.
-    place: (usize, usize),
+    station: usize,
+    direction: [f64; 3],
     offsets: Vec<f64>,
 }
 
@@ -137,7 +136,7 @@ fn rest_series(rows: &[Row], frames: usize, stations: usize) -> Vec<Series> {
             .collect();
         let Some(first) = at.first() else { continue };
         let axes: Vec<&&Row> = at.iter().filter(|r| r.frame == first.frame).collect();
-        for (number, axis) in axes.iter().enumerate() {
+        for axis in axes {
             let offsets: Vec<f64> = (0..frames)
                 .filter_map(|frame| {
                     // Directions may turn a little from frame to frame: offsets are added as vectors.
@@ -151,7 +150,8 @@ fn rest_series(rows: &[Row], frames: usize, stations: usize) -> Vec<Series> {
                 .collect();
             if offsets.len() == frames {
                 found.push(Series {
-                    place: (station, number),
+                    station,
+                    direction: axis.direction,
                     offsets,
                 });
             }
@@ -198,19 +198,20 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
     )
 }
 
-/// Correlation of the innovations of neighbouring stations.
+/// Correlation of the innovations of neighbouring stations, compared as vectors: directions across a rope are those in
+/// which it was seen best and worst, and their order and signs mean nothing.
 fn neighbours(series: &[Series], in_time: f64) -> f64 {
+    let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(&s.offsets, in_time)).collect();
     let (mut product, mut norm) = (0.0, 0.0);
     for (i, a) in series.iter().enumerate() {
-        let next = (a.place.0 + 1, a.place.1);
-        // The next station's series follow at once: one per direction, at most three.
-        let Some(b) = series[i + 1..].iter().take(3).find(|s| s.place == next) else {
-            continue;
-        };
-        let (a, b) = (innovations(&a.offsets, in_time), innovations(&b.offsets, in_time));
-        for (u, v) in a.iter().zip(&b) {
-            product += u * v;
-            norm += 0.5 * (u * u + v * v);
+        // Series are in the order of their stations, at most three of each.
+        let next = (i + 1..series.len().min(i + 6)).filter(|&j| series[j].station == a.station + 1);
+        for j in next {
+            let alike = alike(&a.direction, &series[j].direction);
+            for (u, v) in parts[i].iter().zip(&parts[j]) {
+                product += u * v * alike;
+                norm += 0.5 * (u * u + v * v) * alike * alike;
+            }
         }
     }
     if norm > 0.0 {
@@ -332,6 +333,31 @@ mod tests {
         assert!((times - 0.6).abs() < 0.03, "{times}");
         assert!((scales - 2.0).abs() < 0.1, "{scales}");
         assert!((alongs - 0.7).abs() < 0.03, "{alongs}");
+    }
+
+    /// Directions across the rope as a measurement has them: turned at every station, in any order and of any sign.
+    #[test]
+    fn correlation_along_the_rope_does_not_hang_on_the_choice_of_directions() {
+        let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], 11);
+        let straight = rows_of(&noise, 12);
+        let turned: Vec<Row> = straight
+            .chunks(3)
+            .flat_map(|point| {
+                let offset: [f64; 3] = std::array::from_fn(|k| point[k].offset_m);
+                let station = point[0].station;
+                let (sin, cos) = (0.9 * station as f64).sin_cos();
+                let axes = [[-cos, -sin, 0.0], [0.0, 0.0, 1.0], [-sin, cos, 0.0]];
+                let row = |axis: &[f64; 3]| Row {
+                    direction: *axis,
+                    offset_m: alike(axis, &offset),
+                    ..point[0]
+                };
+                axes.map(|axis| row(&axis))
+            })
+            .collect();
+        let found = |rows: &[Row]| neighbours(&rest_series(rows, 12, STATIONS), 0.6);
+        let [plain, other] = [found(&straight), found(&turned)];
+        assert!((plain - other).abs() < 0.02 && plain > 0.6, "{plain} {other}");
     }
 
     /// A rope that is seen at rest without any noise is no proof that it is seen so in motion.

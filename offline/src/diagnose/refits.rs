@@ -2,7 +2,7 @@
 
 use super::batch::{Batch, batches};
 use super::choice::{Standing, Tried};
-use super::conclude::explains;
+use super::conclude::{NEARLY_ALL_HELD_OUT, explains};
 use super::gates::{
     beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
 };
@@ -39,10 +39,6 @@ const LEAST_KEPT: f64 = 0.9;
 const OTHER_SIZES: [f64; 2] = [0.25, 4.0];
 /// Evaluations after which such a start is given up if it has not come further than the first.
 const SECOND_EVALUATIONS: usize = 4;
-/// Share of the excess where held out that a refit takes away if no other has to be tried. Of 84 right ones on the
-/// benchmark all but six did; wind in place of a tilt of 5 floors took 72 %.
-const NEARLY_ALL_HELD_OUT: f64 = 0.9;
-
 /// What all refits of a round have in common.
 pub(super) struct Refits<'a> {
     bench: &'a Bench<'a>,
@@ -187,10 +183,11 @@ impl<'a> Refits<'a> {
     /// Whether a refit passed and leaves nothing to explain: where it was fitted, and hardly anything where held out,
     /// because what looks like the cause in one motion does not in others.
     fn explained(&self, Tried { refit, fitted, .. }: &Tried) -> bool {
-        let (doubt, numerical_mm) = (self.bench.doubt(fitted), self.table.discretisation_mm);
+        let (doubt, numerical_mm) = (self.bench.doubt(&fitted.best), self.table.discretisation_mm);
         refit.passed
             && explains(&self.now.left, fitted, doubt, numerical_mm)
-            && excess_removed(&self.now.held, &refit.held_out, numerical_mm) >= NEARLY_ALL_HELD_OUT
+            && excess_removed(&self.now.held, &refit.held_out, numerical_mm)
+                .is_none_or(|share| share >= NEARLY_ALL_HELD_OUT)
     }
 
     /// Cost of which a refit has to promise to come near: a multiple of the least of its rivals, and one at which its effects

@@ -104,18 +104,18 @@ pub(super) fn one_round(
     tell(&table, progress);
     let candidates = Refits::new(bench, now, &table, options);
     let mut choice = Choice::default();
-    choice.among(bench, now, candidates.leading(progress), options, progress)?;
+    choice.among(bench, now, candidates.leading(progress), options, progress);
     if choice.accepted.is_none() {
         let others = candidates.others(&choice.refits, progress);
-        choice.among(bench, now, others, options, progress)?;
+        choice.among(bench, now, others, options, progress);
     }
     if choice.accepted.is_none() {
-        choice.among(bench, now, candidates.slight(progress), options, progress)?;
+        choice.among(bench, now, candidates.slight(progress), options, progress);
     }
     for members in 2..=MOST_MEMBERS {
         if choice.accepted.is_none() {
             let together = candidates.together(members, &choice.refits, progress);
-            choice.among(bench, now, together, options, progress)?;
+            choice.among(bench, now, together, options, progress);
         }
     }
     let (accepted, next) = choice.accepted.unzip();

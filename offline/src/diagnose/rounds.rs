@@ -1,7 +1,7 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
 use super::choice::Standing;
-use super::conclude::{Facts, conclude};
+use super::conclude::{Facts, HeldOut, conclude};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;
@@ -10,7 +10,7 @@ use super::ways::{Ended, SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution,
+    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, covariance,
     estimates_within, fit, fit_from, grid_shift,
 };
 use crate::model::{Estimate, Structure};
@@ -159,8 +159,32 @@ impl<'a> Bench<'a> {
     }
 
     /// By how much of its square the noise floor under a fit may lie too low.
-    pub(super) fn doubt(&self, fitted: &FitResult) -> f64 {
-        self.noise.doubt(fitted.best.len())
+    pub(super) fn doubt(&self, evaluation: &Evaluation) -> f64 {
+        self.noise.doubt(evaluation.len())
+    }
+
+    /// What base and final model leave where held out.
+    fn where_held_out(
+        &self,
+        [before, after]: [&Evaluation; 2],
+        (structure, fitted): (&Structure, &FitResult),
+    ) -> HeldOut {
+        HeldOut {
+            before: ResidualSummary::of(before),
+            after: ResidualSummary::of(after),
+            doubt: self.doubt(after),
+            // Where slopes cannot be had, parameters excuse nothing.
+            uncertain_mm: self.uncertain_mm(structure, fitted).unwrap_or(0.0),
+        }
+    }
+
+    /// Root mean square of what the parameters' standard errors let expect where held out, mm: of g Σ gᵀ over the
+    /// slopes g of all offsets.
+    fn uncertain_mm(&self, structure: &Structure, fitted: &FitResult) -> Result<f64, FitError> {
+        let there = self.held_out.evaluate(structure, &fitted.best.theta)?;
+        let spread = &there.jacobian * covariance(&fitted.best, structure);
+        let mean = spread.component_mul(&there.jacobian).sum() / there.len() as f64;
+        Ok(1e3 * mean.max(0.0).sqrt())
     }
 
     /// Every model is sought near the base model's best, where ropes hang.
@@ -318,12 +342,13 @@ pub fn resume_loop(
         structure: &structure,
         base: &before,
         fitted: &fitted,
+        held_out: bench.where_held_out([&held_out_before, &held_out_after], (&structure, &fitted)),
         estimates: &estimates_within(&fitted.best, &structure, &grid_shift),
         rounds: &rounds,
         rivals: &rivals,
         demos: [demos.len(), held_out.len()],
         pure_error: noise.is_some(),
-        doubt: bench.doubt(&fitted),
+        doubt: bench.doubt(&fitted.best),
         stopped,
     });
     Ok(Outcome {

@@ -44,6 +44,8 @@ pub enum ReasonCode {
     Partial,
     /// The best effect may stand in for another.
     ProxySuspected,
+    /// More is left where held out than noise, the simulation's own error and the parameters' errors amount to.
+    HeldOutLeft,
     /// What is left is of the size of the discretisation error.
     Numerical,
     /// The noise was declared, not measured.
@@ -65,6 +67,9 @@ impl fmt::Display for ReasonCode {
         f.write_str(match self {
             Self::Partial => "PARTIAL: a part of the excess over the noise is left",
             Self::ProxySuspected => "PROXY SUSPECTED: the best effect may stand in for another",
+            Self::HeldOutLeft => {
+                "HELD OUT LEFT: where held out more is left than noise and what is known to be uncertain"
+            }
             Self::Numerical => "NUMERICAL: what is left is of the size of the discretisation error",
             Self::NoPureError => "NO PURE ERROR: the noise is as declared, it could not be measured at rest",
             Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",

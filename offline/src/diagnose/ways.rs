@@ -90,7 +90,7 @@ fn other_beginning(
         dropped: Vec::new(),
         ..first.clone()
     };
-    let gates = last_gates(bench, &now, &kept.effects, before, options, progress)?;
+    let gates = last_gates(bench, &now, &kept.effects, before, options, progress);
     if gates.iter().any(|gate| !gate.passed) {
         return Ok(None);
     }
@@ -175,14 +175,14 @@ impl SoFar {
 
 /// Whether a model leaves something over the noise that is not the simulation's own error.
 fn leaves_something(bench: &Bench, model: &Standing, rounds: &[Round]) -> bool {
-    model.left.floors > WHITE_FLOORS && !only_numerical(&model.fitted, rounds, bench.doubt(&model.fitted))
+    model.left.floors > WHITE_FLOORS && !only_numerical(&model.left, rounds, bench.doubt(&model.fitted.best))
 }
 
 /// Whether the last round explained everything but what the simulation itself is known to be off by. No
 /// further effect could be believed, and a round takes as long as all before it.
-fn only_numerical(fitted: &FitResult, rounds: &[Round], doubt: f64) -> bool {
+fn only_numerical(left: &ResidualSummary, rounds: &[Round], doubt: f64) -> bool {
     let last = rounds.last().filter(|round| !round.accepted.is_empty());
-    last.is_some_and(|round| excess_mm(fitted, doubt) <= round.table.discretisation_mm)
+    last.is_some_and(|round| excess_mm(left, doubt) <= round.table.discretisation_mm)
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ impl Correlation {
                 for b in rows[i + 1..].iter().take_while(|b| b.frame <= a.frame + 1) {
                     let neighbours = [
                         b.frame == a.frame + 1 && b.station == a.station,
-                        b.frame == a.frame && b.station == a.station + 1,
+                        b.frame == a.frame && b.station.abs_diff(a.station) == 1,
                     ];
                     // Rows are compared as vectors: parts along different directions do not mix.
                     let alike: f64 = (0..3).map(|k| a.direction[k] * b.direction[k]).sum();

@@ -64,6 +64,24 @@ impl FitFile {
     }
 }
 
+/// Removes what follows from a diagnosis of other data or settings: beside the new files it would pass for theirs. The
+/// policy stays; who reads it is warned that it was frozen from another model.
+///
+/// # Errors
+/// A file cannot be removed.
+pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<(), FileError> {
+    for path in [run.diagnosis(), run.tables(), run.report(), run.evaluation()] {
+        if path.exists() {
+            progress(&format!(
+                "{} is of other data or settings: removed",
+                path.display()
+            ));
+            std::fs::remove_file(&path).map_err(|error| FileError::new("remove", &path, error))?;
+        }
+    }
+    Ok(())
+}
+
 /// Fits the base model and writes `fit.json`, `residual.json` and `model.toml`, unless a diagnosis of the same data
 /// has left better ones.
 ///
@@ -83,11 +101,7 @@ pub fn fit(
         progress("a diagnosis of the same data is there: its files stay as they are");
         return Ok(base);
     }
-    if run.diagnosis().exists() {
-        progress("diagnosis.json is of other data or settings: removed");
-        std::fs::remove_file(run.diagnosis())
-            .map_err(|error| FileError::new("remove", &run.diagnosis(), error))?;
-    }
+    forget_others(run, progress)?;
     let structure = Structure::default();
     let parameters = base.estimates();
     let model = model(inputs, settings, NOT_DIAGNOSED.into(), (&structure, &parameters));

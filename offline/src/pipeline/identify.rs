@@ -72,6 +72,7 @@ pub fn identify(
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
+            super::fit::forget_others(run, progress)?;
             let mut outcome = diagnosed(&demos, &held_out, &options, (run, key), progress)?;
             let force = force_left(&demos, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);

@@ -1,19 +1,19 @@
 //! The second half of a run: rollouts, policy, evaluation, blob.
 
 use super::identify::Identified;
-use super::settings::{Preset, RunSettings};
+use super::settings::{Inputs, Preset, RunSettings};
 use crate::collect::{DatasetSummary, Design, Watch, collect_design};
 use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
 use crate::freeze::{Frozen, bounded, freeze, short};
 use crate::model::Estimate;
 use crate::model_file::ModelFile;
 use crate::run_files::{RunFolder, write_whole};
+use crate::sim::rope::RopeShape;
 use crate::swing::SimulatedSwing;
 use crate::train::{Schedule, TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
-use shared::arm::DEFAULT_TASK_FRAME;
-use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry};
+use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry, TaskFrame};
 use shared::profile::MotionLimits;
 use shared::task::{Interval, SwingTask};
 
@@ -38,6 +38,22 @@ const YOUNG_PA: Interval = Interval {
 const POISSON: Interval = Interval { low: 0.2, high: 0.4 };
 /// Goals by which the reach of the identified rope is confirmed.
 const REACH_GOALS: usize = 5;
+
+/// Refuses a rope that no swing of the task can be simulated or made with, before hours of work.
+///
+/// # Errors
+/// Hanging from the task's clamp it lies on the table.
+pub fn refuse_unswingable(inputs: &Inputs) -> anyhow::Result<()> {
+    let rope = RopeShape::of_spec(&inputs.demos[0].spec.rope);
+    let longest_m = SwingTask::PAPER.longest_rope_m(rope.diameter_m);
+    anyhow::ensure!(
+        rope.length_m <= longest_m,
+        "a rope of {:.3} m hanging from the task's clamp lies on the table, and the policy is for one whose tip hangs free: \
+         take one of at most {longest_m:.3} m, or `offline diagnose`, which needs no swing",
+        rope.length_m
+    );
+    Ok(())
+}
 
 /// The swing of an identified rope.
 ///
@@ -146,14 +162,14 @@ pub fn learn(
     })
 }
 
-/// Freezes the policy with the identified rope into `policy.blob`.
+/// Freezes the policy with the identified rope into `policy.blob`, for an arm that stands at `frame`.
 ///
 /// # Errors
 /// A name is too long, or the file written does not read back equal.
 pub fn freeze_policy(
     identified: &Identified,
     learned: &Learned,
-    settings: &RunSettings,
+    (settings, frame): (&RunSettings, TaskFrame),
     demos: &[u64],
     run: &RunFolder,
 ) -> anyhow::Result<Frozen> {
@@ -180,7 +196,8 @@ pub fn freeze_policy(
         young_se_pa: young.standard_error,
         poisson: ranges.poisson.clamp(poisson.value),
         poisson_se: poisson.standard_error,
-        poisson_identified: poisson.identified,
+        // Clamped it is not what was found.
+        poisson_identified: poisson.identified && ranges.poisson.contains(poisson.value),
         length_m: model.rope.length_m,
         diameter_m: model.rope.diameter_m,
         mass_kg: model.rope.mass_kg,
@@ -191,7 +208,7 @@ pub fn freeze_policy(
         policy: (*learned.trained.policy).clone(),
         ropes: bounded("ropes", &[rope])?,
         task: learned.swing.task,
-        frame: DEFAULT_TASK_FRAME,
+        frame,
         motion: MotionLimits::PAPER,
         provenance: Provenance {
             demos: bounded("demonstrations", demos)?,

@@ -13,7 +13,7 @@ mod settings;
 pub use fit::{NOT_DIAGNOSED, fit};
 pub use identify::{Identified, identify};
 #[cfg(feature = "train")]
-pub use learn::{Learned, freeze_policy, learn, rollouts};
+pub use learn::{Learned, freeze_policy, learn, refuse_unswingable, rollouts};
 pub use profile::{Profiled, profile};
 pub use settings::{Inputs, Preset, RunSettings};
 

@@ -3,7 +3,7 @@
 use crate::demo::{Demo, files};
 use crate::fit::Resolution;
 use crate::freeze::{bounded, short};
-use crate::run_files::{Fnv64, read_whole};
+use crate::run_files::{Fnv64, made_by, read_whole};
 use serde::{Deserialize, Serialize};
 use shared::blob::{MAX_DEMOS, NAME_BYTES};
 use std::path::{Path, PathBuf};
@@ -116,6 +116,23 @@ impl Inputs {
         (self.demos.iter().collect(), self.held_out.iter().collect())
     }
 
+    /// What differs between the demonstrations that swings depend on, in words; a policy is for the rope of the first.
+    pub fn differences(&self) -> Vec<String> {
+        let mass_kg = |demo: &Demo| demo.spec.rope.end_mass_kg;
+        let first = &self.demos[0];
+        let others = self.demos.iter().filter(|demo| mass_kg(demo) != mass_kg(first));
+        let told = others.map(|demo| {
+            format!(
+                "{} has {:.1} g at the rope's end and {} has {:.1} g: a policy is for the rope as in {0}",
+                first.name,
+                1e3 * mass_kg(first),
+                demo.name,
+                1e3 * mass_kg(demo)
+            )
+        });
+        told.collect()
+    }
+
     /// Hash of everything that fit and diagnosis depend on.
     pub(super) fn key(&self, settings: &RunSettings) -> u64 {
         let mut hash = Fnv64::default();
@@ -127,8 +144,7 @@ impl Inputs {
         }
         hash.add(&settings.cells.to_le_bytes());
         hash.add(&settings.seed.to_le_bytes());
-        hash.add(env!("CARGO_PKG_VERSION").as_bytes());
-        hash.add(&crate::sim::REVISION.to_le_bytes());
+        hash.add(made_by().as_bytes());
         hash.value()
     }
 }

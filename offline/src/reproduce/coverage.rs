@@ -8,7 +8,7 @@ use super::ours::{Fitted, demo_of, fit_clouds};
 use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
 use crate::observe::Section;
-use crate::run_files::{RunFolder, kept, write_whole};
+use crate::run_files::{RunFolder, kept, made_by, write_whole};
 use crate::statistics::{NORMAL_975, Rate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,8 @@ pub struct Settings {
 /// One demonstration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Judged {
+    #[serde(default)]
+    made_by: String,
     settings: Settings,
     truth: Parameters,
     fit: Fitted,
@@ -97,7 +99,9 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
         demonstrations: 0,
         ..*settings
     };
-    if let Some(kept) = kept::<Judged>(path).filter(|kept| kept.settings == settings) {
+    if let Some(kept) =
+        kept::<Judged>(path).filter(|kept| kept.settings == settings && kept.made_by == made_by())
+    {
         return Ok(kept);
     }
     let truth = draw(WHOLE_RANGE, settings.seed, index);
@@ -108,7 +112,12 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
     let demo = demo_of(&fitted, seen, settings.camera_noise_m);
     let start_seed = (settings.seed ^ START_SEED).wrapping_add(index);
     let fit = fit_clouds(&demo, &fitted, Section::Surface, start_seed, settings.starts)?;
-    let judged = Judged { settings, truth, fit };
+    let judged = Judged {
+        made_by: made_by(),
+        settings,
+        truth,
+        fit,
+    };
     write_whole(path, &serde_json::to_vec_pretty(&judged)?)?;
     Ok(judged)
 }
@@ -202,6 +211,7 @@ mod tests {
             seed: 1,
         };
         let judged = |poisson: f64, identified: bool| Judged {
+            made_by: made_by(),
             settings,
             truth: [1000.0, 0.222],
             fit: Fitted {

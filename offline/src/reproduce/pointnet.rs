@@ -13,7 +13,7 @@ use super::scene::Discretisation;
 use super::sim2sim::{Baseline, PointNetEffort};
 use crate::collect::stream;
 use crate::paper_units::METRES_PER_UNIT;
-use crate::run_files::{Fnv64, read_sealed, seal, write_whole};
+use crate::run_files::{Fnv64, made_by, read_sealed, seal, write_whole};
 use crate::train::net::{
     Activation, Adam, Batch, LayerValues, Mlp, batch, beside, pool_largest, rows_at, value, values,
 };
@@ -105,7 +105,7 @@ impl PointNet {
         out: &Path,
         say: &(dyn Fn(&str) + Sync),
     ) -> anyhow::Result<Self> {
-        let key = format!("{effort:?} {fitter:?} {seed}");
+        let key = format!("{} {effort:?} {fitter:?} {seed}", made_by());
         let name = format!(
             "pointnet-{}-{:016x}.bin",
             variant.slug(),

@@ -10,7 +10,7 @@ use crate::demo::Demo;
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;
-use crate::run_files::{RunFolder, kept, write_whole};
+use crate::run_files::{Fnv64, RunFolder, kept, made_by, write_whole};
 use crate::sim::rope::RopeShape;
 use crate::sim::scene::{MIN_CELLS_PER_DIAMETER, PAPER_CELLS_PER_DIAMETER};
 use crate::sim::tensor::value3;
@@ -145,7 +145,7 @@ fn finish(
     method: Method,
     start: u64,
 ) -> anyhow::Result<Vec<Judged>> {
-    let hash = crate::run_files::Fnv64::of(format!("{:?}", case.demo).as_bytes());
+    let hash = Fnv64::of(format!("{} {:?}", made_by(), case.demo).as_bytes());
     let same = |kept: &Vec<Judged>| kept.iter().all(|j| j.settings == *settings && j.hash == hash);
     if let Some(kept) = kept(path).filter(same) {
         return Ok(kept);
@@ -181,7 +181,12 @@ pub fn last_state(case: &Case, parameters: [f64; 2]) -> anyhow::Result<Vec<[f64;
     let parameters = parameters.map(|p| p as f32);
     let physics = physics(parameters, scene.rope.density_kg_m3(), case.demo.spec.friction());
     let rollout = simulate(&scene, &physics)?;
-    Ok(rollout.particles[0].iter().map(|&p| value3(p)).collect())
+    // A static scene returns all of its poses, whatever times are asked for.
+    let last = rollout
+        .particles
+        .last()
+        .context("a rollout keeps its last state")?;
+    Ok(last.iter().map(|&p| value3(p)).collect())
 }
 
 fn table(settings: &Settings, case: &Case, judged: &[Judged]) -> Table {

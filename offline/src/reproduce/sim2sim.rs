@@ -11,7 +11,7 @@ use super::table::{Row, Spread, Table, printed};
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;
-use crate::run_files::{RunFolder, kept, write_whole};
+use crate::run_files::{RunFolder, kept, made_by, write_whole};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -196,14 +196,14 @@ fn finish(
     Ok(judged)
 }
 
-/// What an estimate depends on: all settings but the number of ropes and PointNet++'s.
+/// What an estimate depends on: the program, and all settings but the number of ropes and PointNet++'s.
 fn key(settings: &Settings) -> anyhow::Result<String> {
     let own = Settings {
         truths: 0,
         pointnet: None,
         ..*settings
     };
-    Ok(serde_json::to_string(&own)?)
+    Ok(format!("{} {}", made_by(), serde_json::to_string(&own)?))
 }
 
 fn judge(settings: &Settings, case: &Case, estimated: Estimated) -> anyhow::Result<Judged> {

@@ -25,12 +25,14 @@ impl Band {
     #[inline(always)]
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
         let (i, j) = if i >= j { (i, j) } else { (j, i) };
+        assert!(i - j <= self.band, "outside the band");
         self.rows[i * (self.band + 1) + self.band - (i - j)] += value;
     }
 
     /// Adds to the entries (i, j), (i, j + 1) and so on, none of which is right of the diagonal.
     #[inline(always)]
     pub fn add_row(&mut self, i: usize, j: usize, values: &[f64]) {
+        assert!(i - j <= self.band, "outside the band");
         let first = i * (self.band + 1) + self.band - (i - j);
         for (entry, value) in self.rows[first..first + values.len()].iter_mut().zip(values) {
             *entry += value;

@@ -1,7 +1,8 @@
 //! Why a simulation refused to start or stopped: always typed, never a repair, never silence.
 //!
 //! Nothing can leave the grid, because the grid belongs to the material ([`super::grid`]); what runs
-//! away in space is stopped as too fast or as not finite. `offline verify` produces every cause.
+//! away in space is stopped as too fast or as not finite. `offline verify` produces the causes that stop a rollout; what
+//! refuses a pose at rest or a gradient has tests of its own.
 
 use thiserror::Error;
 

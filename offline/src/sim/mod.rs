@@ -112,7 +112,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 4;
+pub const REVISION: u32 = 5;
 
 pub mod adjoint;
 pub mod axial;
@@ -130,7 +130,7 @@ mod flow;
 pub mod grid;
 mod hanging;
 pub mod kernel;
-pub mod lanes;
+mod lanes;
 mod laws;
 pub mod legs;
 pub mod material;

@@ -306,6 +306,13 @@ impl<T: Real> Physics<T> {
         !(self.memory_laws.is_empty() && self.flow_laws.is_empty())
     }
 
+    /// Whether it still does at rest, `rest_s` after it came there: what flowed for good, and what relaxes so slowly that
+    /// more than e⁻¹⁰ of it is left.
+    pub fn remembers_after(&self, rest_s: f64) -> bool {
+        let slow = |law: &Maxwell<T>| law.share.value() != 0.0 && 10.0 * law.time_s.value() > rest_s;
+        !self.flow_laws.is_empty() || self.memory_laws.iter().any(slow)
+    }
+
     /// Rolls the rope about its axis before it is gripped, right-handed: what its material brings along
     /// turns with it.
     pub fn roll(&mut self, roll_rad: f64) {

@@ -373,7 +373,7 @@ pub fn masses_kg<T: Real>(scene: &Scene, physics: &Physics<T>, layout: &RopeLayo
         if p < first_of_end {
             0.0
         } else {
-            scene.end_mass_kg / members as f64
+            scene.rope.end_mass_kg / members as f64
         }
     };
     let mut masses: Vec<T> = (0..layout.particles())
@@ -393,6 +393,13 @@ fn check_parameters<T: Real>(physics: &Physics<T>) -> Result<(), SimError> {
     require("friction", friction, friction.is_finite() && friction >= 0.0)?;
     for component in physics.gravity_m_s2.map(T::value) {
         require("gravity_m_s2", component, component.is_finite())?;
+    }
+    let times = [
+        ("release_delay_s", physics.release_delay_s.value()),
+        ("clock_offset_s", physics.clock_offset_s().value()),
+    ];
+    for (name, value) in times {
+        require(name, value, value.is_finite())?;
     }
     Ok(())
 }

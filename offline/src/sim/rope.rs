@@ -12,6 +12,14 @@ pub struct RopeShape {
     pub diameter_m: f64,
     /// Mass, kg.
     pub mass_kg: f64,
+    /// Known mass at s = length besides that, kg.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub end_mass_kg: f64,
+}
+
+/// Most ropes carry nothing, and their files say nothing of it.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl RopeShape {
@@ -21,6 +29,7 @@ impl RopeShape {
             length_m,
             diameter_m,
             mass_kg: 0.0,
+            end_mass_kg: 0.0,
         };
         shape.mass_kg = density_kg_m3 * shape.volume_m3();
         shape
@@ -32,6 +41,7 @@ impl RopeShape {
             length_m: spec.length_m,
             diameter_m: spec.diameter_m,
             mass_kg: spec.mass_kg,
+            end_mass_kg: spec.end_mass_kg,
         }
     }
 

@@ -54,8 +54,6 @@ pub struct Scene {
     pub direction: [f64; 3],
     /// How the rope is at the start.
     pub start: Start,
-    /// Known mass at s = length besides the rope's own, kg.
-    pub end_mass_kg: f64,
     /// Gripped ends.
     pub grips: Vec<Grip>,
     /// The table, if any.
@@ -152,7 +150,6 @@ impl Scene {
         });
         let mut scene = Self::unchecked(rope, start_m, direction, grips, table, cells, frame_times_s)?;
         scene.start = Start::of_demo(demo, &scene.rope, &scene.grips);
-        scene.end_mass_kg = spec.rope.end_mass_kg;
         scene.refuse_unreachable()?;
         Ok(scene)
     }
@@ -316,7 +313,6 @@ impl Scene {
             start_m,
             direction,
             start: Start::Straight,
-            end_mass_kg: 0.0,
             grips,
             table,
             grid: GridSpec {

@@ -71,7 +71,13 @@ impl Start {
         match (spec.scene, spec.start) {
             (SceneKind::Static, _) => Self::Poses(hang(&times, None)),
             (_, StartState::Straight) => Self::Straight,
-            (_, StartState::Rest) => Self::Rest(hang(&times[..1], None)),
+            (_, StartState::Rest) => {
+                let mut start = hang(&times[..1], None);
+                // The rollout begins at zero, where the clamp may still have been elsewhere than in the first frame: the
+                // markers of that are a guess.
+                start.poses[0].t_s = 0.0;
+                Self::Rest(start)
+            }
             (_, StartState::Moving) => {
                 // A spring gives by the noise when it carries the whole rope.
                 let weight_n = super::physics::GRAVITY_M_S2 * (rope.mass_kg + spec.rope.end_mass_kg);

@@ -17,7 +17,7 @@ use super::clamp::RigidMotion;
 use super::curve::Curve;
 use super::elastic::Lame;
 use super::error::Cause;
-use super::grid::{Grid, STENCIL};
+use super::grid::{Grid, Link, STENCIL};
 use super::material::Material;
 use super::pads::Pads;
 use super::physics::{ForcePoint, Physics, SliceMotion};
@@ -159,17 +159,15 @@ impl<'a, T: Real> Statics<'a, T> {
         for (place, &node) in order.iter().enumerate() {
             statics.place[node] = place;
         }
-        let spread = |slots: &[u32]| {
-            let places = slots.iter().map(|&s| statics.place[s as usize]);
+        // A law that bends a slice ties all of its nodes together, which in many rings no member does.
+        let spread = |slice: &[Link<f64>]| {
+            let places = slice.iter().flat_map(|link| &link.slots);
+            let places = places.map(|&slot| statics.place[slot as usize]);
             places.clone().max().unwrap_or(0) - places.min().unwrap_or(0)
         };
-        let widest = statics
-            .grid
-            .links
-            .iter()
-            .map(|l| spread(&l.slots))
-            .max()
-            .unwrap_or(0);
+        let members = statics.layout.section_m.len();
+        let slices = statics.grid.links.chunks(members);
+        let widest = slices.map(spread).max().unwrap_or(0);
         // A pin ties two neighbouring slices, which may reach one plane further.
         let pinned = scene
             .start

@@ -36,7 +36,14 @@ pub struct Stepper<'a> {
 impl<'a> Stepper<'a> {
     /// The undeformed rope of a scene at rest, as a rollout would start it. The scene's settling is
     /// not used.
+    ///
+    /// # Panics
+    /// The physics has clamps that give, which this does not turn.
     pub fn new(scene: &'a Scene, physics: &'a Physics<f64>) -> Self {
+        assert!(
+            physics.grip_compliance.is_none(),
+            "clamps that give are not stepped here"
+        );
         let layout = scene.layout();
         let masses = masses_kg(scene, physics, &layout);
         let particles = initial_particles(scene, &layout, &masses);

@@ -1,4 +1,5 @@
-//! Stops: every cause, produced by a scene that deserves it, with its step, particle and time.
+//! Stops: what ends a rollout or refuses to begin it, produced by a scene that deserves it, with its step, particle and
+//! time.
 
 use super::case::{Case, Of};
 use super::setup::{

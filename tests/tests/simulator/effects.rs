@@ -470,6 +470,49 @@ fn dissipative_laws_take_power_in_every_state() {
     }
 }
 
+/// Laws that remember strain take work on the way from a shape and back to it, at every pace; elasticity takes none.
+#[test]
+fn a_cycle_of_strain_costs_work_under_every_law_that_remembers() {
+    const STEPS: usize = 4000;
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let layout = RopeLayout::new(rope(0.04, 0.014), &[], 0.009, Sampling::default());
+    let cases: [(&str, &[f64]); 3] = [
+        ("internal_damping", &[0.08]),
+        ("relaxation", &[0.5, 0.0]),
+        ("relaxation", &[0.0, 0.5]),
+    ];
+    for (id, values) in cases {
+        let physics = with_effect(effects::find(id).unwrap(), values);
+        for period_s in [0.02, 0.5, 3.0] {
+            let far = Matrix3::from_fn(|_, _| rng.random_range(-0.1..0.1));
+            let dt_s = period_s / STEPS as f64;
+            // Work over the volume, Pa: the integral of P : dF, once round.
+            let work_pa = |physics: &Physics<f64>| -> f64 {
+                let mut material = Material::new(physics, &layout);
+                let power = |k: usize| {
+                    let (sin, cos) = (k as f64 / STEPS as f64 * std::f64::consts::TAU).sin_cos();
+                    let (f, rate) = (
+                        Matrix3::identity() + sin * far,
+                        cos / period_s * std::f64::consts::TAU * far,
+                    );
+                    let motion = (rows(&f), rows(&rate));
+                    material.advance(physics, dt_s, |_| (&motion.0, &motion.1));
+                    let stress = matrix(&material.piola(0, &motion.0, physics, &physics.lame()).0);
+                    stress.dot(&rate) * dt_s
+                };
+                (0..STEPS).map(power).sum()
+            };
+            let stored_pa = energy_density(&rows(&(Matrix3::identity() + far)), &physics.lame());
+            let [taken, elastic] = [&physics, &base()].map(|physics| work_pa(physics) / stored_pa);
+            println!("{id} {values:?}, {period_s} s: {taken:.4} of what is stored, elastic {elastic:.1e}");
+            assert!(
+                taken > 1e-3 && elastic.abs() < 1e-6,
+                "{id} {values:?} {period_s}: {taken} {elastic}"
+            );
+        }
+    }
+}
+
 /// Largest rise of an energy between any earlier and any later time, J.
 fn largest_rise(energies: &[f64]) -> f64 {
     let mut low = f64::INFINITY;

@@ -1,9 +1,9 @@
 //! Reverse mode against forward mode: every input, each scene, whole rollouts, through contact and
 //! release; the budget; and what a gradient says where a path is moved by hand.
 
+use offline::sim::Laned;
 use offline::sim::adjoint::{DEFAULT_BUDGET_BYTES, Family, Precision, release_gradient};
 use offline::sim::clamp::{KnotShift, PathShift};
-use offline::sim::lanes::Laned;
 use offline::sim::{Cause, Dual, Scene, simulate};
 use tests::derivatives::{
     Contracted, Everything, LANES, RELEASE_M, SOFT, forward_gradient, free, lift, random_field, random_shift,

@@ -8,7 +8,7 @@ use offline::demo::{
 use offline::fit::{Descent, FitOptions, Problem, Profile, Resolution, estimates, fit, fit_from, profiles};
 use offline::model::Structure;
 use offline::observe::bracket;
-use offline::sim::scene::Settling;
+use offline::sim::scene::{PAPER_CELLS_PER_DIAMETER, Settling};
 use offline::sim::tensor::value3;
 use offline::sim::{Cause, Dual, Physics, Real, Scene, simulate};
 use rand::{RngExt, SeedableRng};
@@ -145,6 +145,24 @@ const MATERIALS: [(&str, &[f64]); 7] = [
 fn with_effect(effect: &str) -> Structure {
     Structure {
         effects: offline::effects::find(effect).into_iter().collect(),
+    }
+}
+
+/// Many rings of particles: a law that bends whole slices ties nodes together that no particle does, and the matrix of the
+/// search has to have room for them.
+#[test]
+fn a_rope_that_bends_by_a_law_of_its_own_comes_to_rest_on_a_fine_grid() {
+    let demo = CABLE.poses(&[0.4], &[0.5, 1.0]);
+    let tip = |cells: f64, ratio: f64| {
+        let scene = Scene::of_demo(&demo, cells).unwrap();
+        let physics = with_effect("bending_ratio").physics(&[CABLE.young_pa.ln(), 0.3, ratio], 0.0);
+        *simulate(&scene, &physics).unwrap().frames[0].last().unwrap()
+    };
+    for ratio in [0.5, 1.6] {
+        let [coarse, fine] = [CELLS, 1.4 * PAPER_CELLS_PER_DIAMETER].map(|cells| tip(cells, ratio));
+        let apart = distance(coarse, fine);
+        println!("{ratio}: the tip lies {apart:.1e} m elsewhere on the finer grid");
+        assert!(apart < 2e-3, "{ratio}: {apart} m");
     }
 }
 

@@ -1,8 +1,8 @@
 //! The simulator: the verification suite on its quickest grid, random scenes, and tangents against
 //! central differences.
 
+use offline::sim::Laned;
 use offline::sim::clamp::ClampPath;
-use offline::sim::lanes::Laned;
 use offline::sim::scene::StepLength;
 use offline::sim::{Dual, Physics, Rollout, simulate};
 use offline::verify::setup::{SOFT_PA, knot, rope, scene, start_grip};

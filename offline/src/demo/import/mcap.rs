@@ -1,12 +1,11 @@
 //! A recording as `ros2 bag record` writes it (MCAP, messages in CDR): clouds, and the clamp as a pose
 //! or as the joints of the arm that holds it.
 
-use super::make_continuous;
 use crate::demo::export::{EPOCH_KEY, SPEC_NAME};
 use crate::demo::ros::{
     self, Bool, FLOAT32, FLOAT64, Header, JointState, Message, PointCloud2, PointField, PoseStamped,
 };
-use crate::demo::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, Observations};
+use crate::demo::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, Observations, make_continuous};
 use mcap::records::Record;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use shared::arm::{JOINTS, flange};
@@ -26,18 +25,28 @@ pub struct McapTopics {
     pub closed: Vec<String>,
 }
 
+/// A recording as a demonstration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FromMcap {
+    /// The demonstration.
+    pub demo: Demo,
+    /// Clouds left out because they hold no point: the rope was out of sight.
+    pub empty_clouds: usize,
+}
+
 /// Reads a recording. `spec` declares rope, clamps and cameras; the recording's own attachment does
 /// where it is left out. `frame` says where the arm stands, for joints only.
 ///
 /// # Errors
-/// The file is no recording, a topic is not there or of another type, or frames of reference differ.
+/// The file is no recording, a topic is not there or of another type, frames of reference differ, all clouds are
+/// empty, or there are more or fewer topics of closed clamps than clamps.
 pub fn mcap(
     file: &Path,
     topics: &McapTopics,
     spec: Option<DemoSpec>,
     frame: &TaskFrame,
     name: &str,
-) -> Result<Demo, DemoError> {
+) -> Result<FromMcap, DemoError> {
     let bytes = std::fs::read(file).map_err(|e| DemoError::io(file, "reading", &e))?;
     let recording = Recording { file, bytes };
     let spec = match spec {
@@ -45,39 +54,74 @@ pub fn mcap(
         None => recording.spec()?,
     };
     let clouds: Vec<Stamped<PointCloud2>> = recording.messages(&topics.cloud)?;
-    let mut clamps: Vec<Vec<ClampSample>> = Vec::new();
-    if let Some(topic) = &topics.joints {
-        let joints: Vec<Stamped<JointState>> = recording.messages(topic)?;
-        let path = joints.iter().map(|m| recording.of_joints(m, frame));
-        clamps.push(path.collect::<Result<_, _>>()?);
+    let joints: Option<Vec<Stamped<JointState>>> = topics
+        .joints
+        .as_ref()
+        .map(|topic| recording.messages(topic))
+        .transpose()?;
+    let poses: Vec<Vec<Stamped<PoseStamped>>> = topics
+        .clamps
+        .iter()
+        .map(|topic| recording.messages(topic))
+        .collect::<Result<_, _>>()?;
+    for path in &poses {
+        recording.same_frame(&clouds[0].message.header, &path[0].message.header)?;
     }
-    for topic in &topics.clamps {
-        let poses: Vec<Stamped<PoseStamped>> = recording.messages(topic)?;
-        recording.same_frame(&clouds[0].message.header, &poses[0].message.header)?;
-        clamps.push(poses.iter().map(of_pose).collect());
-    }
+    let firsts = poses.iter().map(|path| path[0].stamp_ns);
+    let firsts = firsts.chain(joints.iter().map(|path| path[0].stamp_ns));
+    let clock = recording.clock(firsts.fold(clouds[0].stamp_ns, i128::min))?;
+
+    let of_arm = |path: &Vec<Stamped<JointState>>| -> Result<Vec<ClampSample>, DemoError> {
+        path.iter()
+            .map(|m| recording.of_joints(m, &clock, frame))
+            .collect()
+    };
+    let mut clamps: Vec<Vec<ClampSample>> = joints.iter().map(of_arm).collect::<Result<_, _>>()?;
+    clamps.extend(
+        poses
+            .iter()
+            .map(|path| path.iter().map(|m| of_pose(m, &clock)).collect()),
+    );
     clamps.iter_mut().for_each(|path| make_continuous(path));
-    for (path, topic) in clamps.iter_mut().zip(&topics.closed) {
-        let states: Vec<Stamped<Bool>> = recording.messages(topic)?;
-        for sample in path {
-            let after = states.partition_point(|state| state.t_s <= sample.t_s + 1e-9);
-            sample.closed = states[after.saturating_sub(1)].message.data;
-        }
+    recording.close(&mut clamps, &clock, &topics.closed)?;
+    let frames: Result<Vec<CloudFrame>, DemoError> =
+        clouds.iter().map(|m| recording.of_cloud(m, &clock)).collect();
+    let mut frames = frames?;
+    frames.retain(|frame| !frame.points_m.is_empty());
+    if frames.is_empty() {
+        return Err(recording.error(
+            format!("no cloud of {} holds a point", topics.cloud),
+            "record the rope alone, but record it",
+        ));
     }
-    let frames: Result<Vec<CloudFrame>, DemoError> = clouds.iter().map(|m| recording.of_cloud(m)).collect();
-    Ok(Demo {
-        name: name.to_owned(),
-        spec,
-        commanded: vec![None; clamps.len()],
-        clamps,
-        observations: Observations::Clouds(frames?),
+    Ok(FromMcap {
+        empty_clouds: clouds.len() - frames.len(),
+        demo: Demo {
+            name: name.to_owned(),
+            spec,
+            commanded: vec![None; clamps.len()],
+            clamps,
+            observations: Observations::Clouds(frames),
+        },
     })
 }
 
-/// A message with its time from the demonstration's start, s.
+/// A message with when it was measured or, where it does not say so, recorded: ns of the recording's clock.
 struct Stamped<M> {
-    t_s: f64,
+    stamp_ns: i128,
     message: M,
+}
+
+/// From the recording's clock to the demonstration's.
+struct Clock {
+    /// Time of t = 0, ns.
+    epoch_ns: i128,
+}
+
+impl Clock {
+    fn t_s<M>(&self, stamped: &Stamped<M>) -> f64 {
+        (stamped.stamp_ns - self.epoch_ns) as f64 / 1e9
+    }
 }
 
 /// Messages that may say themselves when they were measured.
@@ -140,22 +184,46 @@ impl Recording<'_> {
         ))
     }
 
-    /// Time of t = 0, ns: that of an exported demonstration, else of the first message.
-    fn epoch_ns(&self) -> Result<u64, DemoError> {
-        let mut first = u64::MAX;
+    /// The clock of an exported demonstration, else one that begins at `first_ns`.
+    fn clock(&self, first_ns: i128) -> Result<Clock, DemoError> {
         for message in mcap::MessageStream::new(&self.bytes).map_err(|e| self.unreadable(&e))? {
             let message = message.map_err(|e| self.unreadable(&e))?;
             let epoch = message.channel.metadata.get(EPOCH_KEY);
-            if let Some(epoch) = epoch.and_then(|e| e.parse().ok()) {
-                return Ok(epoch);
+            if let Some(epoch_ns) = epoch.and_then(|e| e.parse().ok()) {
+                return Ok(Clock { epoch_ns });
             }
-            first = first.min(message.log_time);
         }
-        Ok(first)
+        Ok(Clock { epoch_ns: first_ns })
+    }
+
+    /// Writes into the paths of the clamps when each holds, where there are topics that say so.
+    fn close(
+        &self,
+        clamps: &mut [Vec<ClampSample>],
+        clock: &Clock,
+        topics: &[String],
+    ) -> Result<(), DemoError> {
+        if !topics.is_empty() && topics.len() != clamps.len() {
+            return Err(self.error(
+                format!(
+                    "{} topics say whether a clamp holds, but there are {} clamps",
+                    topics.len(),
+                    clamps.len()
+                ),
+                "name one for each clamp with --closed-topic, in the order of the clamps, or none",
+            ));
+        }
+        for (path, topic) in clamps.iter_mut().zip(topics) {
+            let states: Vec<Stamped<Bool>> = self.messages(topic)?;
+            for sample in path {
+                let after = states.partition_point(|state| clock.t_s(state) <= sample.t_s + 1e-9);
+                sample.closed = states[after.saturating_sub(1)].message.data;
+            }
+        }
+        Ok(())
     }
 
     fn messages<M: Timed>(&self, topic: &str) -> Result<Vec<Stamped<M>>, DemoError> {
-        let epoch_ns = self.epoch_ns()?;
         let mut list: Vec<Stamped<M>> = Vec::new();
         let mut there = std::collections::BTreeSet::new();
         for message in mcap::MessageStream::new(&self.bytes).map_err(|e| self.unreadable(&e))? {
@@ -182,7 +250,7 @@ impl Recording<'_> {
                 i128::from(h.stamp.sec) * 1_000_000_000 + i128::from(h.stamp.nanosec)
             });
             list.push(Stamped {
-                t_s: (stamp_ns - i128::from(epoch_ns)) as f64 / 1e9,
+                stamp_ns,
                 message: decoded,
             });
         }
@@ -193,7 +261,7 @@ impl Recording<'_> {
                 "name one that is there",
             ));
         }
-        list.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        list.sort_by_key(|message| message.stamp_ns);
         Ok(list)
     }
 
@@ -210,7 +278,7 @@ impl Recording<'_> {
         ))
     }
 
-    fn of_cloud(&self, stamped: &Stamped<PointCloud2>) -> Result<CloudFrame, DemoError> {
+    fn of_cloud(&self, stamped: &Stamped<PointCloud2>, clock: &Clock) -> Result<CloudFrame, DemoError> {
         let cloud = &stamped.message;
         let bad = |problem: &str| self.error(problem, "publish x, y, z as float32 or float64 in metres");
         if cloud.is_bigendian {
@@ -246,7 +314,7 @@ impl Recording<'_> {
             }
         }
         Ok(CloudFrame {
-            t_s: stamped.t_s,
+            t_s: clock.t_s(stamped),
             points_m,
         })
     }
@@ -268,12 +336,17 @@ impl Recording<'_> {
     }
 
     /// The flange for some joints, in the task's frame.
-    fn of_joints(&self, stamped: &Stamped<JointState>, frame: &TaskFrame) -> Result<ClampSample, DemoError> {
+    fn of_joints(
+        &self,
+        stamped: &Stamped<JointState>,
+        clock: &Clock,
+        frame: &TaskFrame,
+    ) -> Result<ClampSample, DemoError> {
         let pose = flange(&self.joints(&stamped.message)?);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -frame.yaw_rad);
         let rotation = Rotation3::from_matrix_unchecked(pose.rotation);
         Ok(ClampSample {
-            t_s: stamped.t_s,
+            t_s: clock.t_s(stamped),
             position_m: (turn * (pose.position_m - Vector3::from(frame.origin_m))).into(),
             quaternion_xyzw: (turn * UnitQuaternion::from_rotation_matrix(&rotation))
                 .coords
@@ -283,9 +356,9 @@ impl Recording<'_> {
     }
 }
 
-fn of_pose(stamped: &Stamped<PoseStamped>) -> ClampSample {
+fn of_pose(stamped: &Stamped<PoseStamped>, clock: &Clock) -> ClampSample {
     ClampSample {
-        t_s: stamped.t_s,
+        t_s: clock.t_s(stamped),
         position_m: stamped.message.position_m,
         quaternion_xyzw: stamped.message.quaternion_xyzw,
         closed: true,

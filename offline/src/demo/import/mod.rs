@@ -8,7 +8,7 @@ mod npy;
 mod pac_cables;
 mod wires;
 
-pub use self::mcap::{McapTopics, mcap};
+pub use self::mcap::{FromMcap, McapTopics, mcap};
 pub use deform::deform;
 pub use noodle::noodle;
 pub use pac_cables::pac_cables;
@@ -110,19 +110,9 @@ impl Follower {
     }
 }
 
-/// Takes of each orientation the quaternion, q or -q, that is nearer to the one before: interpolation
-/// between neighbours then never turns the long way round.
-fn make_continuous(path: &mut [ClampSample]) {
-    for k in 1..path.len() {
-        let (before, now) = (path[k - 1].quaternion_xyzw, path[k].quaternion_xyzw);
-        if (0..4).map(|c| before[c] * now[c]).sum::<f64>() < 0.0 {
-            path[k].quaternion_xyzw = now.map(|c| -c);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::make_continuous;
     use super::*;
 
     #[test]

@@ -1,9 +1,11 @@
 //! `noodle`: a foam cylinder moved by an arm at one end (PRB_Net; Mamedov et al., arXiv 2407.03476).
 
 use super::npy::Array;
-use super::{MASS_AND_DIAMETER, Source, assumed_mass_kg, make_continuous, sample, stride};
+use super::{MASS_AND_DIAMETER, Source, assumed_mass_kg, sample, stride};
 use crate::demo::table::Table;
-use crate::demo::{ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState};
+use crate::demo::{
+    ClampSpec, Demo, DemoError, MarkerSample, RopeEnd, RopeSpec, SceneKind, StartState, make_continuous,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;
 

@@ -1,0 +1,31 @@
+//! Where the task stands in the arm's base frame: arguments that several commands take.
+
+use super::numbers::within;
+use clap::Args;
+use shared::arm::DEFAULT_TASK_FRAME;
+use shared::blob::{ORIGIN_MAX_M, TaskFrame, YAW_MAX_RAD};
+
+/// Where the arm stands beside the task.
+#[derive(Args)]
+pub struct Place {
+    /// Where the flange is in the arm's base frame when the rope's end is at the world's origin, on the table below the
+    /// task's clamp at x = 0, m: measured, with the tool and the gripper's fingers in it.
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], value_parser = within([-ORIGIN_MAX_M, ORIGIN_MAX_M]),
+        allow_negative_numbers = true, default_values_t = DEFAULT_TASK_FRAME.origin_m)]
+    task_origin_m: Vec<f64>,
+    /// Turn of the world about the arm's vertical axis, rad.
+    #[arg(long, value_parser = within([-YAW_MAX_RAD, YAW_MAX_RAD]), allow_negative_numbers = true,
+        default_value_t = DEFAULT_TASK_FRAME.yaw_rad)]
+    task_yaw_rad: f64,
+}
+
+impl Place {
+    /// The frame.
+    pub fn frame(&self) -> TaskFrame {
+        let origin_m = self.task_origin_m.as_slice().try_into();
+        TaskFrame {
+            origin_m: origin_m.expect("clap counts three values"),
+            yaw_rad: self.task_yaw_rad,
+        }
+    }
+}

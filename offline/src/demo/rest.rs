@@ -1,0 +1,92 @@
+//! How long the rope of a demonstration lies or hangs still at first: what moves in these frames is noise.
+
+use super::{ClampSample, Demo, StartState};
+
+/// A clamp that has moved by no more than this has not moved, m: below what arms repeat.
+const MOVED_M: f64 = 1e-4;
+/// A clamp whose quaternion differs by no more than this has not turned.
+const TURNED: f64 = 1e-4;
+
+impl Demo {
+    /// How many of the frames at `times_s` show the rope at rest: before any clamp moves, turns, opens or closes. None where
+    /// nothing holds the rope or says that it rests: one that begins straight does so on a table alone.
+    pub fn rest_frames(&self, times_s: &[f64]) -> usize {
+        let rests = match self.spec.start {
+            StartState::Straight => self.spec.table.is_some(),
+            StartState::Rest => true,
+            StartState::Moving => false,
+        };
+        if !rests || self.spec.is_static() || self.clamps.is_empty() {
+            return 0;
+        }
+        let until_s = self.clamps.iter().filter_map(|path| changes_at_s(path));
+        let until_s = until_s.fold(f64::INFINITY, f64::min);
+        times_s.iter().filter(|&&t_s| t_s < until_s).count()
+    }
+}
+
+/// When a clamp is first seen elsewhere, turned, or in another state than at first, s.
+fn changes_at_s(path: &[ClampSample]) -> Option<f64> {
+    let first = path.first()?;
+    let apart = |a: &[f64], b: &[f64], most: f64| a.iter().zip(b).any(|(a, b)| (a - b).abs() > most);
+    let changed = path.iter().find(|sample| {
+        sample.closed != first.closed
+            || apart(&sample.position_m, &first.position_m, MOVED_M)
+            || apart(&sample.quaternion_xyzw, &first.quaternion_xyzw, TURNED)
+    });
+    changed.map(|sample| sample.t_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn lifted() -> Demo {
+        Demo::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit")).unwrap()
+    }
+
+    /// The clamp stays where it is for ever.
+    fn held() -> Demo {
+        let mut demo = lifted();
+        demo.clamps[0].truncate(1);
+        demo
+    }
+
+    #[test]
+    fn a_rope_rests_until_its_clamp_moves() {
+        let demo = lifted();
+        let times_s = demo.times_s();
+        let frames = demo.rest_frames(&times_s);
+        assert!((1..times_s.len()).contains(&frames), "{frames}");
+        assert_eq!(held().rest_frames(&times_s), times_s.len());
+    }
+
+    /// What follows is the swing, not the noise of a rope at rest.
+    #[test]
+    fn a_clamp_that_opens_ends_the_rest() {
+        let mut demo = held();
+        let times_s = demo.times_s();
+        let opens = ClampSample {
+            t_s: times_s[5],
+            closed: false,
+            ..demo.clamps[0][0]
+        };
+        demo.clamps[0].push(opens);
+        assert_eq!(demo.rest_frames(&times_s), 5);
+    }
+
+    #[test]
+    fn a_rope_that_nothing_keeps_from_falling_does_not_rest() {
+        let times_s = lifted().times_s();
+        let mut free = held();
+        free.clamps.clear();
+        let mut in_the_air = held();
+        in_the_air.spec.table = None;
+        let mut moving = held();
+        moving.spec.start = StartState::Moving;
+        for demo in [free, in_the_air, moving] {
+            assert_eq!(demo.rest_frames(&times_s), 0);
+        }
+    }
+}
