@@ -222,16 +222,13 @@ impl Controller {
         if matches!(self.mode, Mode::Fault | Mode::Ended) {
             return;
         }
-        if self.silent() {
-            match self.mode {
-                Mode::Waiting | Mode::Idle => self.mode = Mode::Waiting,
-                _ => self.stop(After::Latch(Reason::RobotSilent)),
-            }
+        if self.silent() && matches!(self.mode, Mode::Waiting | Mode::Idle) {
+            self.mode = Mode::Waiting;
+        } else if self.silent() {
+            self.stop(After::Latch(Reason::RobotSilent));
         } else if self.robot.error_code != 0 {
             self.stop(After::Latch(Reason::RobotFault));
-        } else if matches!(self.mode, Mode::Waiting) {
-            // No target is out that the arm could be away from.
-        } else if self.distance_rad() > FOLLOWING_ERROR_MAX_RAD {
+        } else if !matches!(self.mode, Mode::Waiting) && self.distance_rad() > FOLLOWING_ERROR_MAX_RAD {
             self.stop(After::Latch(Reason::FollowingError));
         } else if matches!(self.mode, Mode::Running { .. }) && self.targets_unread() {
             self.stop(After::Latch(Reason::TargetsUnread));

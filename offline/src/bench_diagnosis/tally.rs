@@ -379,8 +379,8 @@ pub(super) mod tests {
         tally.lines.iter().find(|l| l.what.starts_with(start)).unwrap()
     }
 
-    #[test]
-    fn every_line_counts_what_it_says() {
+    /// Answers of every kind, right and wrong.
+    fn answers() -> Vec<Answer> {
         let mut hidden = answer(&["tip_mass"], 5.0, &["density_gradient"], &[]);
         hidden.cell.hidden = true;
         let mut alike = hidden.clone();
@@ -413,7 +413,7 @@ pub(super) mod tests {
             sealed_mm: None,
             ..answer(&[], 0.0, &[], &[])
         };
-        let answers = [
+        vec![
             nothing,
             worse,
             overlooked,
@@ -434,8 +434,12 @@ pub(super) mod tests {
                 &["camera_offset", "tip_mass", "air_drag"],
                 &[],
             ),
-        ];
-        let tally = tally("g2", &answers, 3, 0.1);
+        ]
+    }
+
+    #[test]
+    fn every_line_counts_what_it_says() {
+        let tally = tally("g2", &answers(), 3, 0.1);
         let rate = |start: &str| match line(&tally, start).figure {
             Figure::Rate(rate) => (rate.hits, rate.of),
             Figure::Number(..) => panic!("{start} is no rate"),

@@ -6,7 +6,7 @@ use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
-use super::ways::{Ended, SoFar, all_rounds};
+use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
@@ -322,19 +322,14 @@ pub fn resume_loop(
             other: so_far.other.clone(),
         });
     };
-    let Ended {
-        model,
-        rounds,
-        library,
-        stopped,
-        ..
-    } = all_rounds(&bench, start, &before, options, &keep, progress)?;
+    let ended = all_rounds(&bench, start, &before, options, &keep, progress)?;
+    let (rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
     let Standing {
         structure,
         fitted,
         rivals,
         ..
-    } = model;
+    } = ended.model;
     let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
     progress("estimating what the grid itself may have moved");
     let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
