@@ -364,7 +364,7 @@ fn a_quaternion_that_changes_its_sign_is_read_as_no_turn() {
     let mut demo = cloud_demo();
     demo.clamps = vec![vec![
         turned(0.0, 3.1, 1.0),
-        turned(0.1, 3.14, -1.0),
+        turned(0.1, 3.15, -1.0),
         turned(0.2, 3.18, 1.0),
     ]];
     demo.commanded = vec![Some(demo.clamps[0].clone())];
@@ -376,7 +376,7 @@ fn a_quaternion_that_changes_its_sign_is_read_as_no_turn() {
     ] {
         let expected = [
             turned(0.0, 3.1, 1.0),
-            turned(0.1, 3.14, 1.0),
+            turned(0.1, 3.15, 1.0),
             turned(0.2, 3.18, 1.0),
         ];
         assert_eq!(path[..], expected);
