@@ -160,14 +160,13 @@ fn a_rope_that_bends_by_a_law_of_its_own_comes_to_rest_on_a_fine_grid() {
     };
     let young_pa = CABLE.young_pa;
     for ratio in [0.5, 1.6] {
-        // A rope that hardly stretches hangs as one with so much of the modulus.
+        // A rope that hardly stretches hangs as one with so much of the modulus. Bending stiffness is promised to 5 %; how far
+        // the tip is when it is that far off follows from how far the whole ratio moves it.
         let (lawful, as_stiff) = (tip(young_pa, ratio), tip(ratio * young_pa, 1.0));
         let [apart, moved] = [as_stiff, tip(young_pa, 1.0)].map(|other| distance(lawful, other));
-        println!("{ratio}: {apart:.1e} m from a rope as stiff, {moved:.1e} m from one without the law");
-        assert!(
-            moved > 1e-3 && apart < 0.05 * moved,
-            "{ratio}: {apart} of {moved} m"
-        );
+        let off = apart / moved * f64::ln(ratio).abs();
+        println!("{ratio}: {apart:.1e} m from a rope as stiff, {moved:.1e} m from one without: {off:.3}");
+        assert!(moved > 1e-3 && off < 0.05, "{ratio}: {apart} of {moved} m");
     }
 }
 
