@@ -8,8 +8,8 @@ use shared::blob::{ORIGIN_MAX_M, TaskFrame, YAW_MAX_RAD};
 /// Where the arm stands beside the task.
 #[derive(Args)]
 pub struct Place {
-    /// Where the flange is in the arm's base frame when the rope's end is at the world's origin, on the table below the
-    /// task's clamp at x = 0, m: measured, with the tool and the gripper's fingers in it.
+    /// Where the flange is in the arm's base frame when the gripper holds the rope's end at the world's origin, m. For a
+    /// policy that is on the table, 0.25 m from below the task's clamp towards the arm. Tool and fingers are in it.
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], value_parser = within([-ORIGIN_MAX_M, ORIGIN_MAX_M]),
         allow_negative_numbers = true, default_values_t = DEFAULT_TASK_FRAME.origin_m)]
     task_origin_m: Vec<f64>,
