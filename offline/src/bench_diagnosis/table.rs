@@ -1,6 +1,6 @@
 //! The tallies as text.
 
-use super::tally::{Figure, Line, Tally};
+use super::tally::{FOR_THE_RECORD, Figure, Line, Tally};
 use std::fmt::Write;
 
 /// Columns of the words.
@@ -31,6 +31,7 @@ pub fn text(tallies: &[Tally]) -> String {
 fn lines(out: &mut String, lines: &[Line]) {
     for line in lines {
         let met = match line.met {
+            None if line.target == FOR_THE_RECORD => "counted",
             None => "not measured",
             Some(true) => "met",
             Some(false) => "missed",
