@@ -303,16 +303,23 @@ mod tests {
         })
     }
 
+    /// A cycle to which a command came, and after it a flood of others; and what it put out.
+    fn flooded(queues: &Queues, first: Command, flood: CommandKind) -> (Cycle<'_>, Output) {
+        let mut cycle = Cycle::new(controller(), queues, true);
+        cycle.turn(4_000_000, 0, &mut |_| {});
+        queues.put_command(first);
+        for id in first.id + 1..1000 {
+            queues.put_command(command(flood, id));
+        }
+        let output = cycle.turn(8_000_000, 0, &mut |_| {});
+        (cycle, output)
+    }
+
     #[test]
     fn a_flood_of_commands_does_not_hold_up_a_stop() {
         let queues = Queues::new(false);
-        let mut cycle = Cycle::new(controller(), &queues, true);
-        cycle.turn(4_000_000, 0, &mut |_| {});
-        queues.put_command(command(CommandKind::EmergencyStop, 1));
-        for id in 2..1000 {
-            queues.put_command(command(CommandKind::Cancel, id));
-        }
-        cycle.turn(8_000_000, 0, &mut |_| {});
+        let stop = command(CommandKind::EmergencyStop, 1);
+        let (cycle, _) = flooded(&queues, stop, CommandKind::Cancel);
         assert_eq!(cycle.controller.phase(), Phase::Stopping);
         assert!(queues.lost() > 900, "the flood is counted");
     }
@@ -321,14 +328,9 @@ mod tests {
     #[test]
     fn a_flood_of_keep_alives_holds_up_no_other_command() {
         let queues = Queues::new(false);
-        let mut cycle = Cycle::new(controller(), &queues, true);
-        cycle.turn(4_000_000, 0, &mut |_| {});
-        queues.put_command(command(CommandKind::Reset, 7));
-        for id in 8..1000 {
-            queues.put_command(command(CommandKind::KeepAlive, id));
-        }
-        let status = cycle.turn(8_000_000, 0, &mut |_| {}).status;
-        assert_eq!(status.map(|status| status.command_id), Some(7));
+        let reset = command(CommandKind::Reset, 7);
+        let (_, output) = flooded(&queues, reset, CommandKind::KeepAlive);
+        assert_eq!(output.status.map(|status| status.command_id), Some(7));
         assert_eq!(queues.lost(), 0);
     }
 

@@ -13,7 +13,7 @@
 //!   (no targets)                                error, guard; while moving: cancelled, arm or
 //!                                               goal's client silent, targets unread
 //!
-//!  Where nothing moves, in Waiting, a stop or an error of the arm leads to Fault at once. A shutdown leads through Stopping, where there is something to stop, to Ended.
+//!  A shutdown leads through Stopping to Ended; where nothing moves, Ended and Fault are reached at once.
 //! ```
 
 use crate::constants::{

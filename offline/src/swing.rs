@@ -115,9 +115,7 @@ impl SimulatedSwing {
         let swing = scene.leg(rest, release_s, scene.duration_s);
         Ok(simulate(&swing, &single)?.reach_m.map(f64::from))
     }
-}
 
-impl SimulatedSwing {
     /// The swing of a rope: with the robot's own approach where that leaves something in its material that is still there
     /// at the release, else with a quick one that ends at the same rest.
     fn scene(&self, physics: &Physics<f64>, release_m: [f64; 2]) -> Result<Scene, SimError> {

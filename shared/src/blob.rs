@@ -223,8 +223,8 @@ impl Blob {
         let same =
             region.x_m == task.release_x_m && region.z_m == task.release_z_m && region.top_m == task.top_m;
         require(same, "release region (task and policy differ)")?;
-        require(ordered(&task.goal_x_m, -2.0, 2.0), "goal range")?;
         let near = |range: &Interval| ordered(range, -2.0, 2.0);
+        require(near(&task.goal_x_m), "goal range")?;
         require(
             near(&task.release_x_m) && near(&task.release_z_m),
             "release region",

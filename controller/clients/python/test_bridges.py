@@ -131,7 +131,6 @@ class Streaming(WithFakes):
         self.assertEqual([arguments[0] for _, arguments, _ in told], [GRIPPER_CLOSED, GRIPPER_OPEN, GRIPPER_CLOSED])
         self.assertTrue(all(options == {"wait": False} for _, _, options in told))
 
-
     def test_a_gripper_that_holds_something_is_reported_and_left_closed(self):
         for answer in ((0, 140), (0, 0), (3, 850)):
             self.api.gripper_answer = answer

@@ -9,7 +9,7 @@ use super::truth::{self, Truth};
 use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
 use crate::effects;
-use crate::fit::{FitError, Problem, Resolution};
+use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::run_files::{kept, made_by, write_whole};
@@ -248,7 +248,12 @@ fn sealed_mm(
     };
     let before = left(&Structure::default(), &outcome.base.best.theta)?;
     let after = left(&outcome.structure, &outcome.fitted.best.theta)?;
-    Ok(Some([before.rms_mm, after.rms_mm, after.floor_mm]))
+    Ok(Some(errors_mm([before, after])))
+}
+
+/// Errors of base and final model and the noise floor, mm, of what they leave.
+fn errors_mm([before, after]: [ResidualSummary; 2]) -> [f64; 3] {
+    [before.rms_mm, after.rms_mm, after.floor_mm]
 }
 
 fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
@@ -285,10 +290,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     if said == Said::Confounded {
         set.extend(outcome.rivals.iter().flatten().cloned());
     }
-    let [before, after] =
-        [&outcome.held_out_before, &outcome.held_out_after].map(|e| ResidualSummary::of(e).rms_mm);
-    let floor = ResidualSummary::of(&outcome.held_out_after).floor_mm;
-    let fitted = ResidualSummary::of(&outcome.fitted.best);
+    let errors_mm = |left: [&Evaluation; 2]| errors_mm(left.map(ResidualSummary::of));
     Answer {
         made_by: made_by(),
         cell: cell.clone(),
@@ -303,13 +305,9 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         },
         named,
         set,
-        held_out_mm: [before, after, floor],
+        held_out_mm: errors_mm([&outcome.held_out_before, &outcome.held_out_after]),
         sealed_mm: None,
-        fitted_mm: [
-            ResidualSummary::of(&outcome.base.best).rms_mm,
-            fitted.rms_mm,
-            fitted.floor_mm,
-        ],
+        fitted_mm: errors_mm([&outcome.base.best, &outcome.fitted.best]),
         discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
         significant: outcome.rounds.first().map(significant),
         refits: outcome

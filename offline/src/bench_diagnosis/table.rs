@@ -1,6 +1,6 @@
 //! The tallies as text.
 
-use super::tally::{FOR_THE_RECORD, Figure, Line, Tally};
+use super::tally::{Figure, Line, Tally};
 use std::fmt::Write;
 
 /// Columns of the words.
@@ -31,18 +31,15 @@ pub fn text(tallies: &[Tally]) -> String {
 fn lines(out: &mut String, lines: &[Line]) {
     for line in lines {
         let met = match line.met {
-            None if line.target == FOR_THE_RECORD => "counted",
             None => "not measured",
             Some(true) => "met",
             Some(false) => "missed",
         };
-        let _ = writeln!(
-            out,
-            "  {:WIDTH$} {:34} target {}: {met}",
-            line.what,
-            figure(&line.figure),
-            line.target
-        );
+        let judged = match &line.target {
+            None => "counted".into(),
+            Some(target) => format!("target {target}: {met}"),
+        };
+        let _ = writeln!(out, "  {:WIDTH$} {:34} {judged}", line.what, figure(&line.figure));
     }
 }
 

@@ -11,8 +11,6 @@ use std::collections::BTreeMap;
 const FAMILIES: [[&str; 2]; 2] = [["gripper_lag", "clock_offset"], ["steady_wind", "tilted_gravity"]];
 /// Normal quantile of a two-sided 90 % interval.
 const NINETY: f64 = 1.644_853_627;
-/// In place of a target where a figure has none.
-pub(super) const FOR_THE_RECORD: &str = "for the record";
 /// Strength from which on a single effect has to be found nearly always, in noise floors.
 const CLEAR_FLOORS: f64 = 2.0;
 
@@ -21,8 +19,8 @@ const CLEAR_FLOORS: f64 = 2.0;
 pub struct Line {
     /// What is counted.
     pub what: String,
-    /// What was promised, in words.
-    pub target: String,
+    /// What was promised, in words; none of what is only counted.
+    pub target: Option<String>,
     /// What was found.
     pub figure: Figure,
     /// Whether it is as promised; none where nothing was measured.
@@ -129,7 +127,7 @@ fn no_worse(answer: &Answer) -> bool {
 fn rate(what: &str, target: &str, rate: Rate, met: impl Fn(f64) -> bool) -> Line {
     Line {
         what: what.into(),
-        target: target.into(),
+        target: Some(target.into()),
         figure: Figure::Rate(rate),
         met: rate.share().map(met),
     }
@@ -140,7 +138,7 @@ fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool)
     let middle = median(values);
     Line {
         what: what.into(),
-        target: target.into(),
+        target: Some(target.into()),
         figure: Figure::Number(middle, count),
         met: middle.map(met),
     }
@@ -149,7 +147,7 @@ fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool)
 fn count(what: &str, count: usize) -> Line {
     Line {
         what: what.into(),
-        target: FOR_THE_RECORD.into(),
+        target: None,
         figure: Figure::Number(Some(count as f64), count),
         met: None,
     }
@@ -229,7 +227,7 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
         ),
         Line {
             what: "mean size of the confidence set, where one is named".into(),
-            target: "at most 1.5".into(),
+            target: Some("at most 1.5".into()),
             figure: Figure::Number(mean, sizes.len()),
             met: mean.map(|m| m <= 1.5),
         },

@@ -35,14 +35,16 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
     }
     if arguments.count {
         let out = &arguments.out;
-        let others = |cell: &Cell| run::file(out, cell).exists() && run::answered(out, cell).is_none();
-        let others = chosen.iter().filter(|cell| others(cell)).count();
+        let rest;
+        (chosen, rest) = chosen.into_iter().partition::<Vec<Cell>, _>(|cell| {
+            run::answered(out, cell).is_some() || run::was_left_out(out, cell)
+        });
+        let others = rest.iter().filter(|cell| run::file(out, cell).exists()).count();
         if others > 0 {
             reporter.say(&format!(
                 "{others} answers are of another version of the program and not counted"
             ));
         }
-        chosen.retain(|cell| run::answered(out, cell).is_some() || run::was_left_out(out, cell));
     }
     if chosen.iter().all(|cell| cell.world == "g2") {
         reporter.say(

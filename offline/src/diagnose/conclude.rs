@@ -25,9 +25,20 @@ pub(super) const NEARLY_ALL_HELD_OUT: f64 = 0.9;
 /// next to nothing of what was left before.
 pub(super) fn explains(before: &ResidualSummary, fit: &FitResult, doubt: f64, numerical_mm: f64) -> bool {
     let after = ResidualSummary::of(&fit.best);
+    accounted_for([before, &after], doubt, [numerical_mm; 2], ALMOST_ALL)
+}
+
+/// Whether what is left after is noise, no more than `allowed_mm` beyond it and beyond doubt, or next to nothing of what
+/// was left before: at least `share` of the excess over noise and the simulation's own error is gone.
+fn accounted_for(
+    [before, after]: [&ResidualSummary; 2],
+    doubt: f64,
+    [numerical_mm, allowed_mm]: [f64; 2],
+    share: f64,
+) -> bool {
     after.floors <= WHITE_FLOORS
-        || excess_mm(&after, doubt) <= numerical_mm
-        || excess_removed(before, &after, numerical_mm).is_none_or(|share| share >= ALMOST_ALL)
+        || excess_mm(after, doubt) <= allowed_mm
+        || excess_removed(before, after, numerical_mm).is_some_and(|removed| removed >= share)
 }
 
 /// What base and final model leave where held out.
@@ -51,10 +62,12 @@ impl HeldOut {
     /// does not follow another.
     fn foreseen(&self, numerical_mm: f64) -> bool {
         let allowed_mm = numerical_mm.hypot(ERRORS_ALLOWED * self.uncertain_mm);
-        self.after.floors <= WHITE_FLOORS
-            || excess_mm(&self.after, self.doubt) <= allowed_mm
-            || excess_removed(&self.before, &self.after, numerical_mm)
-                .is_some_and(|share| share >= NEARLY_ALL_HELD_OUT)
+        accounted_for(
+            [&self.before, &self.after],
+            self.doubt,
+            [numerical_mm, allowed_mm],
+            NEARLY_ALL_HELD_OUT,
+        )
     }
 
     /// What is left there, for people.
