@@ -7,7 +7,7 @@ use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations, StartState};
 use offline::diagnose::{
-    LoopOptions, Memory, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems,
+    KeptModel, LoopOptions, Memory, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems,
     proposed_demo, residual_force, resume_loop, separating, still_alike,
 };
 use offline::effects;
@@ -260,7 +260,11 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         },
         reasons: Vec::new(),
         noise_scale: None,
-        rivals: vec![vec![rival.0.into()]],
+        rivals: vec![KeptModel {
+            effects: vec![rival.0.into()],
+            theta: rival.1.to_vec(),
+            prior_weight: 1.0,
+        }],
         library: None,
     }
 }

@@ -288,7 +288,8 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     };
     let mut set = named.clone();
     if said == Said::Confounded {
-        set.extend(outcome.rivals.iter().flatten().cloned());
+        let rivals = outcome.rivals.iter().flat_map(|rival| &rival.effects);
+        set.extend(rivals.filter(|id| !accepted.contains(id)).cloned());
     }
     let errors_mm = |left: [&Evaluation; 2]| errors_mm(left.map(ResidualSummary::of));
     Answer {

@@ -37,8 +37,8 @@ pub(super) struct Standing {
     pub(super) left: ResidualSummary,
     /// What it leaves where held out.
     pub(super) held: ResidualSummary,
-    /// What ties with the effects that were accepted last.
-    pub(super) rivals: Vec<Vec<String>>,
+    /// Models that fit as well.
+    pub(super) rivals: Vec<KeptModel>,
 }
 
 impl Standing {
@@ -116,7 +116,7 @@ impl Choice {
             return;
         };
         if ties(&best.fitted, &model.fitted) {
-            best.rivals.push(refit.ids.clone());
+            best.rivals.push(KeptModel::of(&model));
         }
         self.second.get_or_insert_with(|| KeptModel::of(&model));
     }

@@ -1,6 +1,7 @@
 //! What the rounds amount to: the verdict, and the reasons for caution.
 
 use super::gates::{excess_removed, share_in_words};
+use super::memory::KeptModel;
 use super::round::Round;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
@@ -94,8 +95,8 @@ pub(super) struct Facts<'a> {
     pub estimates: &'a [Estimate],
     /// Rounds in order.
     pub rounds: &'a [Round],
-    /// What fits as well as the effects that were accepted last.
-    pub rivals: &'a [Vec<String>],
+    /// Models that fit as well as the final one.
+    pub rivals: &'a [KeptModel],
     /// Number of demonstrations that were fitted, and that were held out.
     pub demos: [usize; 2],
     /// Whether the noise was measured.
@@ -107,14 +108,19 @@ pub(super) struct Facts<'a> {
 }
 
 impl Facts<'_> {
-    /// Effects that stand, and what was accepted last with everything that fits as well; each may be several together.
+    /// Effects that every model has which fits as well, and what each of them has besides, the final one's first; each may
+    /// be several together.
     fn alternatives(&self) -> (Vec<String>, Vec<String>) {
-        let accepted = self.rounds.iter().rfind(|round| !round.accepted.is_empty());
-        let last = accepted.map_or(1, |round| round.accepted.len());
-        let mut found = self.structure.ids();
-        let last = found.split_off(found.len().saturating_sub(last));
-        let alike = std::iter::once(&last).chain(self.rivals);
-        let alike = alike.map(|ids| effects::together(ids)).collect();
+        let own = self.structure.ids();
+        let in_all = |id: &String| self.rivals.iter().all(|rival| rival.effects.contains(id));
+        let (found, last): (Vec<String>, Vec<String>) = own.into_iter().partition(in_all);
+        let besides = |rival: &KeptModel| {
+            let ids = rival.effects.iter().filter(|id| !found.contains(id));
+            ids.cloned().collect::<Vec<_>>()
+        };
+        let rivals = self.rivals.iter().map(besides);
+        let alike = std::iter::once(last).chain(rivals);
+        let alike = alike.map(|ids| effects::together(&ids)).collect();
         (found, alike)
     }
 }
@@ -320,7 +326,7 @@ pub(super) mod tests {
         structure: &Structure,
         [before_m, after_m]: [f64; 2],
         discretisation_mm: f64,
-        rivals: &[Vec<String>],
+        rivals: &[KeptModel],
     ) -> (Verdict, Vec<ReasonCode>) {
         let held_out = [before_m, after_m];
         judged(
@@ -338,7 +344,7 @@ pub(super) mod tests {
         [before_m, after_m]: [f64; 2],
         held_out_m: [f64; 2],
         uncertain_mm: f64,
-        (discretisation_mm, rivals): (f64, &[Vec<String>]),
+        (discretisation_mm, rivals): (f64, &[KeptModel]),
     ) -> (Verdict, Vec<ReasonCode>) {
         let base = fitted(&Structure::default(), before_m);
         let left = |rms_m: f64| ResidualSummary::of(&fitted(structure, rms_m).best);
@@ -361,6 +367,14 @@ pub(super) mod tests {
             doubt: 0.0,
             stopped: false,
         })
+    }
+
+    fn rival(ids: &[&str]) -> KeptModel {
+        KeptModel {
+            effects: ids.iter().map(ToString::to_string).collect(),
+            theta: Vec::new(),
+            prior_weight: 1.0,
+        }
     }
 
     fn hint_of(verdict: &Verdict) -> &str {
@@ -441,12 +455,12 @@ pub(super) mod tests {
         let of = |id: &str| Structure {
             effects: vec![effects::find(id).unwrap()],
         };
-        let reasons = |id: &str, after_m: f64, rivals: &[Vec<String>]| {
+        let reasons = |id: &str, after_m: f64, rivals: &[KeptModel]| {
             verdict_of(&of(id), [5e-3, after_m], 0.5, rivals)
                 .1
                 .contains(&ReasonCode::Sensor)
         };
-        let lag = [vec!["gripper_lag".to_owned()]];
+        let lag = [rival(&["gripper_lag"])];
         assert!(reasons("clock_offset", 1.1e-3, &[]));
         assert!(!reasons("tip_mass", 1.1e-3, &[]));
         assert!(
@@ -476,7 +490,7 @@ pub(super) mod tests {
     #[test]
     fn what_would_do_as_well_as_a_stand_in_is_told() {
         let structure = Structure { effects: vec![0] };
-        let rivals = ["rest_curvature", "curvature_gradient"].map(|id| vec![id.to_owned()]);
+        let rivals = ["rest_curvature", "curvature_gradient"].map(|id| rival(&[id]));
         let (said, _) = verdict_of(&structure, [5e-3, 1.5e-3], 0.5, &rivals);
         let hint = hint_of(&said);
         let told = format!(
@@ -484,6 +498,40 @@ pub(super) mod tests {
             effects::ALL[0].id
         );
         assert!(hint.contains(&told), "{hint}");
+    }
+
+    /// A tilt was accepted first, wind tied with it, then a lag was found: that the wind ties still was not told.
+    #[test]
+    fn what_every_model_has_is_found_and_what_one_has_besides_is_open() {
+        let verdict = |rivals: &[KeptModel]| {
+            let own = ["tilted_gravity", "gripper_lag"].map(String::from);
+            verdict_of(&Structure::of_ids(&own), [5e-3, 1e-3], 0.5, rivals).0
+        };
+        let of = |verdict: Verdict| match verdict {
+            Verdict::Confounded { found, effects, .. } => (found, effects),
+            other => panic!("{other}"),
+        };
+        let [wind, damped] = [
+            ["steady_wind", "gripper_lag"],
+            ["tilted_gravity", "internal_damping"],
+        ]
+        .map(|ids| rival(&ids));
+        let (found, open) = of(verdict(std::slice::from_ref(&wind)));
+        assert_eq!(
+            (found, open),
+            (
+                vec!["gripper_lag".into()],
+                vec!["tilted_gravity".into(), "steady_wind".into()]
+            )
+        );
+        let (found, open) = of(verdict(&[damped, wind]));
+        assert!(found.is_empty());
+        let pairs = [
+            "tilted_gravity + gripper_lag",
+            "tilted_gravity + internal_damping",
+            "steady_wind + gripper_lag",
+        ];
+        assert_eq!(open, pairs);
     }
 
     /// The benchmark's ropes without any cause were called unexplained because some effect imitated the

@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 pub struct Memory {
     pub(super) base: KeptFit,
     pub(super) now: KeptModel,
+    /// What fits as well as that.
+    pub(super) rivals: Vec<KeptModel>,
     pub(super) rounds: Vec<Round>,
     /// What passed second in the first round.
     pub(super) other: Option<KeptModel>,
@@ -29,12 +31,13 @@ pub(super) struct KeptFit {
 
 /// A model of the loop by its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct KeptModel {
-    pub(super) effects: Vec<String>,
-    theta: Vec<f64>,
+pub struct KeptModel {
+    /// Its effects.
+    pub effects: Vec<String>,
+    /// θ of its fit.
+    pub theta: Vec<f64>,
     /// As [`FitResult::prior_weight`].
-    prior_weight: f64,
-    rivals: Vec<Vec<String>>,
+    pub prior_weight: f64,
 }
 
 impl KeptFit {
@@ -65,7 +68,6 @@ impl KeptModel {
             effects: standing.structure.ids(),
             theta: standing.fitted.best.theta.clone(),
             prior_weight: standing.fitted.prior_weight,
-            rivals: standing.rivals.clone(),
         }
     }
 
@@ -76,9 +78,6 @@ impl KeptModel {
             prior_weight: self.prior_weight,
             ..bench.again(&structure, &self.theta)?
         };
-        Ok(Standing {
-            rivals: self.rivals.clone(),
-            ..Standing::of(bench, structure, fitted)?
-        })
+        Standing::of(bench, structure, fitted)
     }
 }

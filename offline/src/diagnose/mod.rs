@@ -9,7 +9,7 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 1;
+pub const REVISION: u32 = 2;
 
 mod added;
 mod batch;
@@ -22,6 +22,7 @@ mod next;
 mod noise;
 mod refits;
 mod revise;
+mod rivals;
 mod round;
 mod rounds;
 mod score;
@@ -31,7 +32,7 @@ mod ways;
 pub use force::terms::{STABLE, TermShare};
 pub use force::{DemoForce, ResidualForce, residual_force};
 pub use gates::Gate;
-pub use memory::Memory;
+pub use memory::{KeptModel, Memory};
 pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks, Unseen};
 pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,

@@ -337,6 +337,16 @@ impl<'a> Refits<'a> {
         });
     }
 
+    /// A refit with what another model was extended by, from where that came to.
+    pub(super) fn like(&self, candidate: &Subset, refit: &Refit, known: &Structure) -> Option<Tried> {
+        let next = candidate.added_to(&self.now.structure);
+        let had = &refit.theta[known.parameters().len()..];
+        let own = &self.now.fitted.best.theta;
+        let starts = [[own, had].concat(), candidate.nothing(own)];
+        let start = Descent::at_first(&self.bench.fit, &next, starts, self.now.fitted.cost).ok()?;
+        self.judge(candidate, start.run(REFIT_EVALUATIONS), &Batch::of(&[]))
+    }
+
     /// Whether a refit explains as much of the excess where fitted as the gates ask for.
     fn explains_its_share(&self, candidate: &Subset, descent: &Descent, batch: &Batch) -> bool {
         let left = ResidualSummary::of(descent.best());

@@ -100,8 +100,8 @@ pub struct Outcome {
     pub reasons: Vec<ReasonCode>,
     /// Measured over declared noise.
     pub noise_scale: Option<f64>,
-    /// What fits as well as the effects that were accepted last.
-    pub rivals: Vec<Vec<String>>,
+    /// Models that fit as well as the final one.
+    pub rivals: Vec<KeptModel>,
     /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
     pub library: Option<Library>,
     /// How far the simulation's own error may have moved each entry of the final θ.
@@ -318,6 +318,7 @@ pub fn resume_loop(
         keep(&Memory {
             base: KeptFit::of(&base),
             now: KeptModel::of(&so_far.now),
+            rivals: so_far.now.rivals.clone(),
             rounds: so_far.rounds.clone(),
             other: so_far.other.clone(),
         });

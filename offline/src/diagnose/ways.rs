@@ -6,6 +6,7 @@ use super::choice::{Standing, last_gates, likelier};
 use super::conclude::{WHITE_FLOORS, excess_mm};
 use super::memory::{KeptModel, Memory};
 use super::revise::{better, needed};
+use super::rivals::{by_another_way, still_rivals};
 use super::round::{Round, one_round};
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use crate::effects;
@@ -43,7 +44,7 @@ pub(super) fn all_rounds(
     keep: &dyn Fn(&SoFar),
     progress: &dyn Fn(&str),
 ) -> Result<Ended, FitError> {
-    let ended = one_way(bench, at, options, keep, progress)?;
+    let mut ended = one_way(bench, at, options, keep, progress)?;
     let other = other_beginning(bench, &ended, before, options, progress);
     // What a run that is killed goes on from is the first way: it comes here again.
     let again = other.and_then(|at| {
@@ -51,8 +52,20 @@ pub(super) fn all_rounds(
             .transpose()
     });
     match again {
-        Ok(Some(again)) if likelier(&again.model, &ended.model) => return Ok(again),
-        Ok(Some(_)) => progress("that does no better"),
+        Ok(Some(mut again)) if likelier(&again.model, &ended.model) => {
+            again
+                .model
+                .rivals
+                .extend(by_another_way(&again.model, &ended.model));
+            return Ok(again);
+        }
+        Ok(Some(again)) => {
+            progress("that does no better");
+            ended
+                .model
+                .rivals
+                .extend(by_another_way(&ended.model, &again.model));
+        }
         Ok(None) => {}
         // What the first way found stands.
         Err(error) => progress(&format!("not to its end: {error}")),
@@ -128,7 +141,16 @@ fn one_way(
         };
         done = turn.next.is_none();
         if let Some(next) = turn.next {
-            (at.now, turn.round.dropped) = needed(bench, &at.now, next, progress);
+            let (mut next, dropped) = needed(bench, &at.now, next, progress);
+            next.rivals.extend(still_rivals(
+                bench,
+                &at.now,
+                &next,
+                &turn.round,
+                options,
+                progress,
+            ));
+            (at.now, turn.round.dropped) = (next, dropped);
         }
         if at.rounds.is_empty() {
             at.other = turn.second;
@@ -160,7 +182,10 @@ impl SoFar {
     /// The loop where a killed one was.
     pub(super) fn again(memory: Memory, bench: &Bench) -> Result<Self, FitError> {
         Ok(Self {
-            now: memory.now.again(bench)?,
+            now: Standing {
+                rivals: memory.rivals,
+                ..memory.now.again(bench)?
+            },
             rounds: memory.rounds,
             other: memory.other,
         })

@@ -5,8 +5,8 @@ use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round, SwingRisks,
-    Verdict, advise, residual_force, resume_loop,
+    Advice, KeptModel, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round,
+    SwingRisks, Verdict, advise, residual_force, resume_loop,
 };
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
@@ -37,7 +37,8 @@ pub(super) struct DiagnosisFile {
     verdict_in_words: String,
     reasons: Vec<ReasonCode>,
     noise_scale: Option<f64>,
-    rivals: Vec<Vec<String>>,
+    /// Models that fit as well as the final one.
+    rivals: Vec<KeptModel>,
     fit_before: ResidualSummary,
     fit_after: ResidualSummary,
     held_out_before: ResidualSummary,

@@ -38,6 +38,7 @@
 
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
+use super::recorded::{Derivatives, Recorded};
 use super::step::Particle;
 use super::tensor::{
     Mat3, Vec3, add, matmul, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3,
@@ -77,6 +78,16 @@ pub struct Knot {
     pub closed: bool,
 }
 
+impl Knot {
+    /// Itself as a change of a knot at the origin that stands still.
+    pub(super) fn shift_from_nothing(&self) -> KnotShift<f64> {
+        KnotShift {
+            pose: self.pose,
+            rate: self.rate,
+        }
+    }
+}
+
 /// A sampled pose: time in s, pose, whether the clamp holds from here on.
 pub type Sample = (f64, Pose<f64>, bool);
 
@@ -86,13 +97,20 @@ pub type Sample = (f64, Pose<f64>, bool);
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClampPath {
     knots: Vec<Knot>,
+    /// What the derivatives jump by at each knot.
+    jumps: Vec<Derivatives<f64>>,
 }
 
 impl ClampPath {
     /// A path through knots in time order (at least one).
     pub fn new(knots: Vec<Knot>) -> Self {
         assert!(!knots.is_empty(), "a path has at least one knot");
-        Self { knots }
+        let mut path = Self {
+            knots,
+            jumps: Vec::new(),
+        };
+        path.jumps = (0..path.knots.len()).map(|i| path.own_jump(i)).collect();
+        path
     }
 
     /// A path from sampled poses; rates are the slopes of the parabolas through neighbours. It starts
@@ -152,11 +170,17 @@ impl ClampPath {
         &self.knots
     }
 
+    /// What the derivatives with respect to time jump by at knot `i`.
+    pub(super) fn jump(&self, i: usize) -> &Derivatives<f64> {
+        &self.jumps[i]
+    }
+
     /// Motion of the clamp since its first pose, as recorded.
     pub fn motion(&self, t_s: f64) -> RigidMotion<f64> {
         let first = self.knots[0].pose;
         let held_m = [first[0], first[1], first[2]];
-        RigidMotion::at(&|t| self.pose(t), &first, held_m, &Grasp::AS_RECORDED, t_s)
+        let recorded = Recorded::new(self, None);
+        RigidMotion::at(&recorded, &first, held_m, &Grasp::AS_RECORDED, t_s)
     }
 
     /// Whether the clamp holds at time `t_s`.
@@ -203,27 +227,6 @@ impl ClampPath {
         })
     }
 
-    /// Pose of the path with its knots moved by a shift.
-    pub fn shifted_pose<T: Real>(&self, shift: &PathShift<T>, t_s: T) -> Pose<T> {
-        let pose = self.pose(t_s);
-        let (i, w) = match self.span(t_s) {
-            Span::At(i) => return std::array::from_fn(|k| pose[k] + shift.knots[i].pose[k]),
-            Span::Beyond(i, since) => {
-                let by = &shift.knots[i];
-                return std::array::from_fn(|k| pose[k] + by.pose[k] + since * by.rate[k]);
-            }
-            Span::After(i, w) => (i, w),
-        };
-        let (a, b) = (&shift.knots[i], &shift.knots[i + 1]);
-        std::array::from_fn(|k| {
-            pose[k]
-                + a.pose[k]
-                + w.along * (b.pose[k] - a.pose[k])
-                + w.start_rate * a.rate[k]
-                + w.end_rate * b.rate[k]
-        })
-    }
-
     /// The same path with the values of a shift added to its knots.
     pub fn moved<T: Real>(&self, shift: &PathShift<T>) -> Self {
         let moved = |knot: &Knot, by: &KnotShift<T>| Knot {
@@ -261,11 +264,10 @@ impl ClampPath {
 }
 
 /// Pose where the clamp really is at time `t_s`: the recorded pose, and what the laws add to it.
-fn real_pose<T: Real>(recorded: &dyn Fn(T) -> Pose<T>, laws: &[Box<dyn PathLaw<T>>], t_s: f64) -> Pose<T> {
-    let t = T::of(t_s);
-    let mut pose = recorded(t);
+fn real_pose<T: Real>(recorded: &Recorded<T>, laws: &[Box<dyn PathLaw<T>>], t_s: f64) -> Pose<T> {
+    let mut pose = recorded.pose(t_s);
     for law in laws {
-        let offset = law.offset(recorded, t);
+        let offset = law.offset(recorded, t_s);
         for k in 0..7 {
             pose[k] += offset[k];
         }
@@ -395,13 +397,7 @@ impl<T: Real> RigidMotion<T> {
     /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the grasp. `first` is its
     /// first pose; offsets of [`Self::place`] are measured from the position `held_m` which that
     /// pose has without tangents and shifts. Quaternions are normalised here.
-    pub fn at(
-        recorded: &dyn Fn(T) -> Pose<T>,
-        first: &Pose<T>,
-        held_m: [f64; 3],
-        grasp: &Grasp<T>,
-        t_s: f64,
-    ) -> Self {
+    pub fn at(recorded: &Recorded<T>, first: &Pose<T>, held_m: [f64; 3], grasp: &Grasp<T>, t_s: f64) -> Self {
         let now = real_pose(recorded, grasp.laws, t_s);
         let unit = |pose: &Pose<T>| {
             let q = [pose[3], pose[4], pose[5], pose[6]];

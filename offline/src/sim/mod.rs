@@ -112,7 +112,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 5;
+pub const REVISION: u32 = 6;
 
 pub mod adjoint;
 pub mod axial;
@@ -139,6 +139,7 @@ pub mod pads;
 pub mod physics;
 mod props;
 pub mod real;
+pub mod recorded;
 pub mod rest;
 pub mod rollout;
 pub mod rope;

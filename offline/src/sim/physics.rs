@@ -4,6 +4,7 @@
 use super::clamp::PathShift;
 use super::elastic::Lame;
 use super::real::{Arithmetic, Real};
+use super::recorded::Recorded;
 use super::rope::{RopeLayout, RopeShape};
 use super::tensor::{Mat3, Vec3, add, direction, scaled, zero3};
 
@@ -187,8 +188,8 @@ pub trait MassLaw<T: Real>: Send + Sync {
 
 /// A difference between the recorded path of a clamp and where the clamp really is.
 pub trait PathLaw<T: Real>: Send + Sync {
-    /// Real pose minus recorded pose at time `t_s`; `recorded` gives the pose at any time.
-    fn offset(&self, recorded: &dyn Fn(T) -> Pose<T>, t_s: T) -> Pose<T>;
+    /// Real pose minus recorded pose at time `t_s`.
+    fn offset(&self, recorded: &Recorded<T>, t_s: f64) -> Pose<T>;
 }
 
 /// A difference between the rope and what the cameras report of it.

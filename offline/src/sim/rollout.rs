@@ -1,6 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::{Grasp, RigidMotion};
+use super::clamp::{Grasp, KnotShift, RigidMotion};
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
 use super::hanging::{Hung, hang_still, initial_particles};
@@ -11,6 +11,7 @@ use super::legs::{Placed, placed};
 use super::material::Material;
 use super::physics::{Physics, Pose};
 use super::real::Real;
+use super::recorded::Recorded;
 use super::rope::RopeLayout;
 use super::scene::{Grip, Scene, require};
 use super::start::Start;
@@ -330,10 +331,9 @@ pub fn grip_motions<T: Real>(
             return None;
         }
         let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
-        let recorded = |t: T| match shift {
-            Some(shift) => path.shifted_pose(shift, t),
-            None => path.pose(t),
-        };
+        let by = shift.map(|shift| |knot: usize| shift.knots[knot]);
+        let by = by.as_ref().map(|by| by as &dyn Fn(usize) -> KnotShift<T>);
+        let recorded = Recorded::new(path, by);
         let start: Pose<T> = match shift {
             Some(shift) => std::array::from_fn(|k| T::of(first[k]) + shift.knots[0].pose[k]),
             None => first.map(T::of),

@@ -45,27 +45,18 @@ impl Model {
     }
 }
 
-/// The models between which the data cannot choose: the final one and those with a rival in the place of
-/// what was accepted last.
+/// The models between which the data cannot choose: the final one and those that fit as well.
 pub(super) fn alike(outcome: &Outcome) -> Vec<Model> {
     let last = Model {
         structure: outcome.structure.clone(),
         theta: outcome.fitted.best.theta.clone(),
     };
-    let mut found = vec![last];
-    let round = outcome.rounds.iter().rfind(|round| !round.accepted.is_empty());
-    if let (Some(round), Verdict::Confounded { .. }) = (round, &outcome.verdict) {
-        let refits = round.refits.iter();
-        found.extend(
-            refits
-                .filter(|refit| outcome.rivals.contains(&refit.ids))
-                .map(|refit| Model {
-                    structure: Structure::of_ids(&[&round.known[..], &refit.ids].concat()),
-                    theta: refit.theta.clone(),
-                }),
-        );
-    }
-    found
+    let open = matches!(outcome.verdict, Verdict::Confounded { .. });
+    let rivals = outcome.rivals.iter().filter(|_| open).map(|rival| Model {
+        structure: Structure::of_ids(&rival.effects),
+        theta: rival.theta.clone(),
+    });
+    std::iter::once(last).chain(rivals).collect()
 }
 
 /// Effects of the models that a diagnosis left alike and that still are when they are fitted anew to

@@ -3,13 +3,15 @@
 
 use super::state::total;
 use super::var::{Session, Var};
-use crate::sim::clamp::{ClampPath, KnotShift, PathShift, RigidMotion, Span};
+use crate::sim::clamp::{ClampPath, KnotShift, PathShift, RigidMotion};
 use crate::sim::lanes::Lanes;
 use crate::sim::physics::{Physics, Pose};
 use crate::sim::real::{Arithmetic, Real};
+use crate::sim::recorded::Recorded;
 use crate::sim::rollout::{Setup, grasp};
 use crate::sim::tensor::{Mat3, Vec3};
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 
 /// Derivative with respect to one knot of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -136,27 +138,25 @@ impl PathGradients {
         let mark = session.mark();
         let inputs = || -> Pose<Var> { std::array::from_fn(|_| session.input(0.0)) };
         let plus = |pose: Pose<Var>, by: &Pose<Var>| std::array::from_fn(|k| pose[k] + by[k]);
-        // Every pose that the laws read, and when, is an input of its own.
-        let reads: RefCell<Vec<(f64, Pose<Var>)>> = RefCell::default();
-        let recorded = |t_s: Var| {
-            let pose = match shift {
-                Some(shift) => path.shifted_pose(shift, t_s),
-                None => path.pose(t_s),
-            };
-            let input = inputs();
-            reads.borrow_mut().push((t_s.value(), input));
-            plus(pose, &input)
+        // Every knot that is read is an input of its own.
+        let read: RefCell<BTreeMap<usize, KnotShift<Var>>> = RefCell::default();
+        let knot = |index: usize| {
+            let mut read = read.borrow_mut();
+            let input = read.entry(index).or_insert_with(|| KnotShift {
+                pose: inputs(),
+                rate: inputs(),
+            });
+            shift.map_or(*input, |shift| KnotShift {
+                pose: plus(shift.knots[index].pose, &input.pose),
+                rate: plus(shift.knots[index].rate, &input.rate),
+            })
         };
         let first = path.knots()[0].pose;
-        let start = match shift {
-            Some(shift) => plus(first.map(Var::of), &shift.knots[0].pose),
-            None => first.map(Var::of),
-        };
-        let first_input = inputs();
+        let start = plus(first.map(Var::of), &knot(0).pose);
         let t_s = setup.time_s(number) + setup.context.dt_s;
         let motion = RigidMotion::at(
-            &recorded,
-            &plus(start, &first_input),
+            &Recorded::new(path, Some(&knot)),
+            &start,
             [first[0], first[1], first[2]],
             &grasp(setup.scene, setup.context.physics, index),
             t_s,
@@ -164,11 +164,11 @@ impl PathGradients {
         bar.seed(session, &motion);
         session.sweep(mark);
         let knots = &mut self.grips[index];
-        for k in 0..7 {
-            knots[0].pose[k] += session.adjoint(first_input[k]);
-        }
-        for (t_s, input) in reads.into_inner() {
-            distribute(path, t_s, input.map(|x| session.adjoint(x)), knots);
+        for (index, input) in read.into_inner() {
+            for k in 0..7 {
+                knots[index].pose[k] += session.adjoint(input.pose[k]);
+                knots[index].rate[k] += session.adjoint(input.rate[k]);
+            }
         }
         session.rewind(mark);
     }
@@ -181,32 +181,6 @@ impl PathGradients {
                     session.seed(knot.pose[k], bar.pose[k]);
                     session.seed(knot.rate[k], bar.rate[k]);
                 }
-            }
-        }
-    }
-}
-
-/// The transpose of interpolation: a derivative with respect to the pose at a time, shared out among
-/// the knots around it.
-fn distribute(path: &ClampPath, t_s: f64, bar: [f64; 7], knots: &mut [KnotGradient]) {
-    match path.span(t_s) {
-        Span::At(i) => {
-            for k in 0..7 {
-                knots[i].pose[k] += bar[k];
-            }
-        }
-        Span::Beyond(i, since) => {
-            for k in 0..7 {
-                knots[i].pose[k] += bar[k];
-                knots[i].rate[k] += since * bar[k];
-            }
-        }
-        Span::After(i, weights) => {
-            for k in 0..7 {
-                knots[i].pose[k] += (1.0 - weights.along) * bar[k];
-                knots[i].rate[k] += weights.start_rate * bar[k];
-                knots[i + 1].pose[k] += weights.along * bar[k];
-                knots[i + 1].rate[k] += weights.end_rate * bar[k];
             }
         }
     }

@@ -1,0 +1,175 @@
+//! Models that fit as well as the one that a loop has come to: what tied with an effect of an earlier round may do so
+//! still, beside what was found since.
+
+use super::choice::{Standing, Tried, ties};
+use super::gates::all_physical;
+use super::memory::KeptModel;
+use super::refits::Refits;
+use super::round::{Refit, Round};
+use super::rounds::{Bench, LoopOptions};
+use super::score::{ScoreTable, Subset};
+use crate::effects;
+use crate::fit::estimates;
+use crate::model::Structure;
+
+/// The rivals of the model `before` that fit as well as the model `next`, which a round made of that, once they are
+/// extended as it was. What was accepted has to pass the gates beside them too, and their own effects must be needed
+/// there.
+pub(super) fn still_rivals(
+    bench: &Bench,
+    before: &Standing,
+    next: &Standing,
+    round: &Round,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Vec<KeptModel> {
+    let Some(extension) = Extension::of(round) else {
+        return Vec::new();
+    };
+    let may = |rival: &&KeptModel| {
+        let with_that = [&rival.effects[..], &round.accepted].concat();
+        // Without an effect that is not needed any more a model is smaller than its old rivals: they are none of it.
+        !round.accepted.iter().any(|id| rival.effects.contains(id))
+            && !has_all(&with_that, &next.structure.ids())
+    };
+    let asked = before.rivals.iter().filter(may);
+    let alike = asked.filter_map(|rival| {
+        let name = effects::together(&rival.effects);
+        progress(&format!("asking whether {name} does as well with that"));
+        let one = extension.of_rival(bench, rival, options)?;
+        (one.refit.passed && needs_its_own(&one) && ties(&next.fitted, &one.fitted)).then(|| {
+            progress(&format!("{name} does"));
+            KeptModel::of(&Standing::judged(one.structure, one.fitted, one.refit.held_out))
+        })
+    });
+    alike.collect()
+}
+
+/// A model that another way came to, where it fits as well as `model`, is not among its rivals, and neither has all of
+/// the other's effects.
+pub(super) fn by_another_way(model: &Standing, other: &Standing) -> Option<KeptModel> {
+    let (own, others) = (model.structure.ids(), other.structure.ids());
+    let nested = has_all(&own, &others) || has_all(&others, &own);
+    let known = |rival: &KeptModel| has_all(&rival.effects, &others) && has_all(&others, &rival.effects);
+    let new = !nested && !model.rivals.iter().any(known);
+    (new && ties(&model.fitted, &other.fitted)).then(|| KeptModel::of(other))
+}
+
+fn has_all(one: &[String], of: &[String]) -> bool {
+    of.iter().all(|id| one.contains(id))
+}
+
+/// What a round accepted.
+struct Extension<'r> {
+    candidate: Subset,
+    refit: &'r Refit,
+    table: &'r ScoreTable,
+    known: Structure,
+}
+
+impl<'r> Extension<'r> {
+    fn of(round: &'r Round) -> Option<Self> {
+        let refit = round.refits.iter().find(|refit| refit.ids == round.accepted)?;
+        let table = &round.table;
+        let mut all = table.scores.iter().map(Subset::from).chain(table.subsets.clone());
+        Some(Self {
+            candidate: all.find(|subset| subset.ids == round.accepted)?,
+            refit,
+            table,
+            known: Structure::of_ids(&round.known),
+        })
+    }
+
+    /// A rival that is extended alike; none where that cannot be simulated.
+    fn of_rival(&self, bench: &Bench, rival: &KeptModel, options: &LoopOptions) -> Option<Tried> {
+        let rival = rival.again(bench).ok()?;
+        Refits::new(bench, &rival, self.table, options).like(&self.candidate, self.refit, &self.known)
+    }
+}
+
+/// Whether a model's earlier effects are something beside the last, and all of them physical.
+fn needs_its_own(tried: &Tried) -> bool {
+    all_physical(&tried.structure, &estimates(&tried.fitted.best, &tried.structure))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::conclude::tests::fitted;
+    use super::super::refits::REFIT_EVALUATIONS;
+    use super::super::revise::tests::{YOUNG_PA, options, recorded};
+    use super::super::score::Score;
+    use super::*;
+    use crate::bench_diagnosis::reality::part;
+    use crate::fit::Descent;
+    use crate::residual::ResidualSummary;
+
+    /// Effects of the rivals that are left once a tilt of so many units, with which a wind tied, is joined by a lag.
+    fn left(tilt: f64) -> Vec<Vec<String>> {
+        let demos = recorded(&[part("tilted_gravity", tilt), part("gripper_lag", 7.0)]);
+        let options = options();
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+        let fitted = |ids: &[&str]| {
+            let ids: Vec<String> = ids.iter().map(ToString::to_string).collect();
+            let structure = Structure::of_ids(&ids);
+            let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
+            Standing::of(&bench, structure, start.run(REFIT_EVALUATIONS).finish()).unwrap()
+        };
+        let before = Standing {
+            rivals: vec![KeptModel::of(&fitted(&["steady_wind"]))],
+            ..fitted(&["tilted_gravity"])
+        };
+        let next = fitted(&["tilted_gravity", "gripper_lag"]);
+        let refit = Refit {
+            ids: vec!["gripper_lag".into()],
+            parameters: Vec::new(),
+            theta: next.fitted.best.theta.clone(),
+            cost: next.fitted.cost,
+            fit: next.left.clone(),
+            held_out: next.held.clone(),
+            gates: Vec::new(),
+            passed: true,
+        };
+        let round = Round {
+            known: before.structure.ids(),
+            table: ScoreTable::of(vec![Score::alone("gripper_lag", 60.0, 20.0)]),
+            refits: vec![refit],
+            accepted: vec!["gripper_lag".into()],
+            dropped: Vec::new(),
+            instead_of: Vec::new(),
+        };
+        let rivals = still_rivals(&bench, &before, &next, &round, &options, &|_| ());
+        rivals.into_iter().map(|rival| rival.effects).collect()
+    }
+
+    /// A table that leans a little and a slight wind look alike, with and without a lag; one that leans more does not.
+    #[test]
+    fn what_tied_before_another_cause_was_found_may_tie_beside_it() {
+        assert_eq!(left(1.5), [["steady_wind", "gripper_lag"]]);
+        assert!(left(8.0).is_empty());
+    }
+
+    /// Ways may come to one model by different turns, to more of it, to what is known to fit as well, or to less.
+    #[test]
+    fn what_another_way_came_to_is_a_rival_where_it_is_another_model_that_fits_as_well() {
+        let model = |ids: &[&str], rms_mm: f64| {
+            let ids: Vec<String> = ids.iter().map(ToString::to_string).collect();
+            let structure = Structure::of_ids(&ids);
+            let fitted = fitted(&structure, 1e-3 * rms_mm);
+            let held = ResidualSummary::of(&fitted.best);
+            Standing::judged(structure, fitted, held)
+        };
+        let tilt = model(&["tilted_gravity", "gripper_lag"], 2.0);
+        let other = |ids: &[&str], rms_mm: f64| by_another_way(&tilt, &model(ids, rms_mm)).is_some();
+        assert!(other(&["steady_wind", "gripper_lag"], 2.01));
+        assert!(!other(&["steady_wind", "gripper_lag"], 4.0));
+        assert!(!other(&["gripper_lag", "tilted_gravity"], 2.0));
+        assert!(!other(&["gripper_lag"], 2.0));
+        assert!(!other(&["gripper_lag", "tilted_gravity", "tip_mass"], 2.0));
+        let wind = model(&["steady_wind", "gripper_lag"], 2.01);
+        let known = Standing {
+            rivals: vec![KeptModel::of(&wind)],
+            ..tilt
+        };
+        assert!(by_another_way(&known, &wind).is_none());
+    }
+}
