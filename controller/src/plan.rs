@@ -76,7 +76,7 @@ pub fn release_point(blob: &Blob, goal: &Goal) -> Result<([f64; 2], f64), Reason
     let release_m = blob.policy.release_point_m(goal.x_m, rope.young_pa, rope.poisson);
     // A NaN is in no interval and within no length.
     let inside = task.release_x_m.contains(release_m[0]) && task.release_z_m.contains(release_m[1]);
-    let within_rope = task.distance_from_top_m(release_m) <= rope.length_m;
+    let within_rope = task.span_m(release_m) <= task.free_length_m(rope.length_m);
     if inside && within_rope {
         Ok((release_m, rope.length_m))
     } else {

@@ -44,7 +44,7 @@ fn policy(task: &SwingTask) -> Policy {
         },
         poisson: Interval { low: 0.2, high: 0.4 },
     };
-    let region = ReleaseRegion::new(task, 0.98 * LENGTH_M);
+    let region = ReleaseRegion::new(task, 0.98 * task.free_length_m(LENGTH_M));
     Policy::from_parts(network, normaliser, ranges, region).expect("the sample policy is valid")
 }
 

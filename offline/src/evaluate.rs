@@ -65,7 +65,7 @@ pub fn unseen(reach: &ReachTable, ropes: usize, goals: usize, seed: u64) -> Vec<
         let range = reach.reachable_m(first.young_pa, first.poisson);
         for k in 0..goals {
             // One goal in each of equal parts of the range, at the same random place in all parts.
-            let place = (first.goal_x_m - range.low) / (range.high - range.low);
+            let place = (first.goal_x_m - range.low) / (range.high - range.low).max(f64::MIN_POSITIVE);
             practice.push(Practice {
                 goal_x_m: range.at((k as f64 + place) / goals as f64),
                 ..first
@@ -197,9 +197,11 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// Why a rope's reachable goals are not known.
+/// Why a rope has no goals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no swing towards this rope's goals had a score: see the refusals of its evaluation")]
+#[error(
+    "no swing of this rope came to a goal of the task: it is too stiff, too limp or too short, or its swings were refused"
+)]
 pub struct NoReach;
 
 /// The goals of one rope that rollouts confirm, m: from the smallest to the largest x that the attempts

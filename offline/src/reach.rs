@@ -1,4 +1,4 @@
-//! Which goals a rope can reach: an interval for each rope, interpolated from a grid over ln E and ν.
+//! Which goals of the task a rope can reach: an interval for each rope, interpolated from a grid over ln E and ν.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -36,7 +36,7 @@ const LEAN_RAD: f64 = 1e-3;
 impl SimulatedSwing {
     /// Length of rope between the two grips, m.
     pub fn free_length_m(&self) -> f64 {
-        self.rope.length_m - 2.0 * self.task.grip_m
+        self.task.free_length_m(self.rope.length_m)
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use shared::policy::Policy;
 
 /// Kind and version of the file.
-const KIND: &[u8; 8] = b"gnmwght1";
+const KIND: &[u8; 8] = b"gnmwght2";
 
 /// The result of training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,23 +48,34 @@ pub struct ForwardErrors {
     pub validation_rms_mm: f64,
 }
 
+/// `training.json`.
+#[derive(Serialize)]
+struct TrainingFile<'a> {
+    record: &'a TrainingRecord,
+    dataset: &'a DatasetSummary,
+}
+
 impl Trained {
-    /// Writes weights and record into the run.
-    pub fn save(&self, run: &RunFolder) -> anyhow::Result<()> {
-        let payload = postcard::to_stdvec(self).context("the policy cannot be encoded")?;
+    /// Writes weights and record into the run. `key` tells what they were trained on and how.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn save(&self, run: &RunFolder, key: u64) -> anyhow::Result<()> {
+        let payload = postcard::to_stdvec(&(key, self)).context("the policy cannot be encoded")?;
         write_whole(&run.weights(), &seal(KIND, &payload))?;
-        let record = serde_json::to_vec_pretty(&(&self.record, &self.dataset))?;
-        write_whole(&run.training(), &record)?;
+        let record = TrainingFile {
+            record: &self.record,
+            dataset: &self.dataset,
+        };
+        write_whole(&run.training(), &serde_json::to_vec_pretty(&record)?)?;
         Ok(())
     }
 
-    /// Reads what [`Trained::save`] wrote.
-    pub fn load(run: &RunFolder) -> anyhow::Result<Self> {
-        let path = run.weights();
-        let what = || format!("{} holds no usable policy: train again", path.display());
-        let trained: Self = postcard::from_bytes(&read_sealed(KIND, &path)?).with_context(what)?;
-        trained.policy.check().with_context(what)?;
-        trained.regression.check().with_context(what)?;
-        Ok(trained)
+    /// What [`Trained::save`] wrote for this key; none where it is missing, damaged or another's.
+    pub fn kept(run: &RunFolder, key: u64) -> Option<Self> {
+        let payload = read_sealed(KIND, &run.weights()).ok()?;
+        let (of, trained): (u64, Self) = postcard::from_bytes(&payload).ok()?;
+        let sound = trained.policy.check().is_ok() && trained.regression.check().is_ok();
+        (of == key && sound).then_some(trained)
     }
 }

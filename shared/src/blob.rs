@@ -220,8 +220,9 @@ impl Blob {
     fn check_task(&self) -> Result<(), BlobError> {
         let task = &self.task;
         let region = self.policy.region();
-        let same =
-            region.x_m == task.release_x_m && region.z_m == task.release_z_m && region.top_m == task.top_m;
+        let same = region.x_m == task.release_x_m
+            && region.z_m == task.release_z_m
+            && region.centre_m == task.touching_m();
         require(same, "release region (task and policy differ)")?;
         let near = |range: &Interval| ordered(range, -2.0, 2.0);
         require(near(&task.goal_x_m), "goal range")?;

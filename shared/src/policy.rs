@@ -326,27 +326,28 @@ impl TrainingRanges {
     }
 }
 
-/// Where the rope may be released: the task's ranges, and not farther from the fixed clamp than the
-/// rope is long.
+/// Where the rope may be released: the task's ranges, and the gripper not farther from the fixed clamp than the rope
+/// between them is long.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReleaseRegion {
     /// x, m.
     pub x_m: Interval,
     /// z, m.
     pub z_m: Interval,
-    /// The fixed clamp, (x, z) in m.
-    pub top_m: [f64; 2],
-    /// Largest distance from the fixed clamp, m.
+    /// Where the rope's bottom end is when clamp and gripper touch, (x, z) in m.
+    pub centre_m: [f64; 2],
+    /// Largest distance from there, m: of the rope between clamp and gripper.
     pub radius_m: f64,
 }
 
 impl ReleaseRegion {
-    /// The release points of `task` that a rope reaches when `radius_m` of it can be stretched out.
+    /// The release points of `task` that a rope reaches of which `radius_m` between clamp and gripper can be stretched
+    /// out.
     pub fn new(task: &SwingTask, radius_m: f64) -> Self {
         Self {
             x_m: task.release_x_m,
             z_m: task.release_z_m,
-            top_m: task.top_m,
+            centre_m: task.touching_m(),
             radius_m,
         }
     }
@@ -360,11 +361,11 @@ impl ReleaseRegion {
 
     /// The nearest point inside; NaN stays NaN.
     ///
-    /// The nearest point of a box cut with a disc is `clamp(p + t (top − p))` for the smallest `t` in
+    /// The nearest point of a box cut with a disc is `clamp(p + t (centre − p))` for the smallest `t` in
     /// 0..1 that lies in the disc (the stationarity condition of the projection, with multiplier
-    /// t / (1 − t)); its distance from the top falls with `t`, so bisection finds it.
+    /// t / (1 − t)); its distance from the centre falls with `t`, so bisection finds it.
     pub fn project(&self, point_m: [f64; 2]) -> [f64; 2] {
-        let boxed = self.towards_top(point_m, 0.0);
+        let boxed = self.towards_centre(point_m, 0.0);
         if self.distance(boxed) > self.radius_m {
             self.pull_into_disc(point_m)
         } else {
@@ -376,29 +377,29 @@ impl ReleaseRegion {
         let (mut outside, mut inside) = (0.0, 1.0);
         for _ in 0..PROJECTION_STEPS {
             let middle = 0.5 * (outside + inside);
-            if self.distance(self.towards_top(point_m, middle)) > self.radius_m {
+            if self.distance(self.towards_centre(point_m, middle)) > self.radius_m {
                 outside = middle;
             } else {
                 inside = middle;
             }
         }
-        self.towards_top(point_m, inside)
+        self.towards_centre(point_m, inside)
     }
 
-    fn towards_top(&self, point_m: [f64; 2], share: f64) -> [f64; 2] {
-        let along = |k: usize| point_m[k] + share * (self.top_m[k] - point_m[k]);
+    fn towards_centre(&self, point_m: [f64; 2], share: f64) -> [f64; 2] {
+        let along = |k: usize| point_m[k] + share * (self.centre_m[k] - point_m[k]);
         [self.x_m.clamp(along(0)), self.z_m.clamp(along(1))]
     }
 
     fn distance(&self, point_m: [f64; 2]) -> f64 {
-        let (dx, dz) = (point_m[0] - self.top_m[0], point_m[1] - self.top_m[1]);
+        let (dx, dz) = (point_m[0] - self.centre_m[0], point_m[1] - self.centre_m[1]);
         libm::sqrt(dx * dx + dz * dz)
     }
 
     fn check(&self) -> Result<(), PolicyError> {
         let finite = is_interval(&self.x_m) && is_interval(&self.z_m) && self.radius_m.is_finite();
-        let top = self.top_m.iter().all(|value| value.is_finite());
-        if finite && top && self.contains(self.towards_top(self.top_m, 0.0)) {
+        let centre = self.centre_m.iter().all(|value| value.is_finite());
+        if finite && centre && self.contains(self.towards_centre(self.centre_m, 0.0)) {
             Ok(())
         } else {
             Err(PolicyError::Region)
@@ -444,7 +445,7 @@ impl Policy {
             region: ReleaseRegion {
                 x_m: empty,
                 z_m: empty,
-                top_m: [0.0; 2],
+                centre_m: [0.0; 2],
                 radius_m: 0.0,
             },
         }

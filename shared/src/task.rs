@@ -23,6 +23,14 @@ impl Interval {
         self.low + share * (self.high - self.low)
     }
 
+    /// The part of it inside another; where they have nothing in common, the other's end that is nearer.
+    pub fn within(&self, other: &Self) -> Self {
+        Self {
+            low: other.clamp(self.low),
+            high: other.clamp(self.high),
+        }
+    }
+
     /// The nearest value inside.
     pub fn clamp(&self, value: f64) -> f64 {
         value.clamp(self.low, self.high)
@@ -78,8 +86,21 @@ impl SwingTask {
         self.top_m[1] - 0.5 * diameter_m
     }
 
-    /// Distance from the fixed clamp to the point `(x, z)`, m; a rope cannot reach beyond its length.
-    pub fn distance_from_top_m(&self, point_m: [f64; 2]) -> f64 {
-        libm::hypot(point_m[0] - self.top_m[0], point_m[1] - self.top_m[1])
+    /// Length of a rope of length `length_m` between the fixed clamp and the gripper, m.
+    pub fn free_length_m(&self, length_m: f64) -> f64 {
+        length_m - 2.0 * self.grip_m
+    }
+
+    /// Where the rope's bottom end would be, (x, z) in m, if fixed clamp and gripper touched: the rope leaves the one
+    /// downwards and enters the other from above.
+    pub fn touching_m(&self) -> [f64; 2] {
+        [self.top_m[0], self.top_m[1] - 2.0 * self.grip_m]
+    }
+
+    /// Distance between the fixed clamp and a gripper that holds the rope's bottom end at `point_m`, (x, z) in m. A rope
+    /// cannot span more than its free length.
+    pub fn span_m(&self, point_m: [f64; 2]) -> f64 {
+        let touching = self.touching_m();
+        libm::hypot(point_m[0] - touching[0], point_m[1] - touching[1])
     }
 }

@@ -9,8 +9,6 @@ use offline::demo::{RopeEnd, SceneKind, TableSpec};
 use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 
-/// Length of rope in the fixed clamp, m.
-const TOP_GRIP_M: f64 = 0.02;
 /// Rest before the drag, s.
 const REST_S: f64 = 0.3;
 /// Time after the release in which the tip is watched, s.
@@ -18,8 +16,7 @@ const WATCH_S: f64 = 1.0;
 
 /// A swing of the rope released at `release_m`, (x, z) in m, dragged within `limits`.
 ///
-/// The fixed clamp holds the rope's first 20 mm above its lower face; the gripper's pose is that of
-/// the rope's end.
+/// The fixed clamp holds the rope's first piece down from its top end; the gripper's pose is that of the bottom end.
 pub fn swing(
     name: &str,
     mut material: Material,
@@ -28,7 +25,7 @@ pub fn swing(
     limits: &MotionLimits,
 ) -> WorldSpec {
     material.rope.direction = [0.0, 0.0, -1.0];
-    let start_m = [task.top_m[0], 0.0, task.top_m[1] + TOP_GRIP_M];
+    let start_m = [task.top_m[0], 0.0, task.top_m[1]];
     let end_m = [start_m[0], 0.0, start_m[2] - material.rope.length_m];
     let drag = Leg {
         to_m: [release_m[0], 0.0, release_m[1]],
@@ -56,7 +53,7 @@ pub fn swing(
         clamps: vec![
             clamp(
                 RopeEnd::Start,
-                TOP_GRIP_M,
+                task.grip_m,
                 ClampPath::new(start_m, 0.0, &[]),
                 None,
             ),
@@ -69,8 +66,10 @@ pub fn swing(
     }
 }
 
-/// The score: the largest x of the rope's end over all frames, m.
-pub fn reach_m(frames: &[TruthFrame]) -> f64 {
-    let tips = frames.iter().filter_map(|frame| frame.nodes_m.last());
+/// The score: the largest x of the rope's end from the release on, m.
+pub fn reach_m(spec: &WorldSpec, frames: &[TruthFrame]) -> f64 {
+    let release_s = spec.duration_s - WATCH_S;
+    let swing = frames.iter().filter(|frame| frame.t_s >= release_s);
+    let tips = swing.filter_map(|frame| frame.nodes_m.last());
     tips.map(|tip| tip.x).fold(f64::NEG_INFINITY, f64::max)
 }

@@ -7,14 +7,13 @@ use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations, StartState};
 use offline::diagnose::{
-    KeptModel, LoopOptions, Memory, Outcome, Refit, Round, STABLE, ScoreTable, Verdict, close_loop, problems,
-    proposed_demo, residual_force, resume_loop, separating, still_alike,
+    KeptModel, LoopOptions, Memory, Outcome, STABLE, Verdict, close_loop, problems, proposed_demo,
+    residual_force, resume_loop, separating, still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
 use offline::model::Structure;
 use offline::pipeline::{Inputs, Preset, RunSettings, identify};
-use offline::residual::ResidualSummary;
 use offline::run_files::RunFolder;
 use std::cell::RefCell;
 use std::time::Instant;
@@ -139,6 +138,7 @@ fn a_diagnosis_goes_on_from_what_it_kept_before_a_round() {
     assert_eq!(whole.verdict, again.verdict);
     assert_eq!(whole.fitted.best.theta, again.fitted.best.theta);
     assert_eq!(whole.grid_shift, again.grid_shift);
+    assert_eq!(whole.rivals, again.rivals);
     assert_eq!(
         (whole.base.stop, whole.base.evaluations, &whole.base.ends),
         (again.base.stop, again.base.evaluations, &again.base.ends)
@@ -223,7 +223,6 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
     let fit =
         |structure: &Structure, theta: &[f64]| fit_from(&problem, structure, theta.to_vec(), 1).unwrap();
     let fitted = fit(&structure, found.1);
-    let nothing = ResidualSummary::of(&fitted.best);
     Outcome {
         base: fit(&base, &found.1[..2]),
         held_out_before: problem.residuals(&base, &found.1[..2]).unwrap(),
@@ -231,28 +230,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         fitted,
         structure,
         grid_shift: vec![0.0; found.1.len()],
-        rounds: vec![Round {
-            known: Vec::new(),
-            table: ScoreTable {
-                scores: Vec::new(),
-                subsets: Vec::new(),
-                discretisation_mm: 0.0,
-                untested: Vec::new(),
-            },
-            refits: vec![Refit {
-                ids: vec![rival.0.into()],
-                parameters: Vec::new(),
-                theta: rival.1.to_vec(),
-                cost: 0.0,
-                fit: nothing.clone(),
-                held_out: nothing,
-                gates: Vec::new(),
-                passed: true,
-            }],
-            accepted: vec![found.0.into()],
-            dropped: Vec::new(),
-            instead_of: Vec::new(),
-        }],
+        rounds: Vec::new(),
         verdict: Verdict::Confounded {
             found: Vec::new(),
             effects: vec![found.0.into(), rival.0.into()],

@@ -89,7 +89,7 @@ mod tests {
             alarmed.cell.without = Some(Part::Whitening);
             answers.extend([plain, alarmed]);
         }
-        let tally = tally("g2", &answers, 0, 0.1);
+        let tally = tally("g2", &answers, &[], 0.1);
         let whitening = &tally.ablations[0];
         assert_eq!(whitening.figure, Figure::Rate(Rate { hits: 40, of: 40 }));
         assert_eq!(whitening.met, Some(true));
@@ -120,7 +120,7 @@ mod tests {
         answers.push(empty.clone());
         empty.cell.without = Some(Part::Nuisances);
         answers.push(empty);
-        let tally = tally("g2", &answers, 0, 0.1);
+        let tally = tally("g2", &answers, &[], 0.1);
         let scored = &tally.ablations[3];
         assert_eq!(scored.figure, Figure::Rate(Rate { hits: 12, of: 12 }));
         let target = scored.target.as_deref().unwrap();

@@ -25,7 +25,7 @@ pub mod truth;
 
 use self::cells::{Cell, Extent, matrix};
 use self::reality::{Finer, Reality, Repertoire};
-use self::run::Answers;
+use self::run::{Answers, Missing};
 use self::tally::{Tally, tally};
 use self::truth::TruthKey;
 use crate::run_files::{read_whole, write_whole};
@@ -119,8 +119,9 @@ pub fn counted(all: &Answers) -> Vec<Tally> {
         .zip(VALUE_TARGETS)
         .filter(|(world, _)| answers.iter().any(|a| a.cell.world == *world))
         .map(|(world, target)| {
-            let left_out = all.left_out.iter().filter(|cell| cell.world == *world).count();
-            tally(world, answers, left_out, target)
+            let left_out = all.left_out.iter().filter(|(cell, _)| cell.world == *world);
+            let missing: Vec<&Missing> = left_out.map(|(_, missing)| missing).collect();
+            tally(world, answers, &missing, target)
         })
         .collect()
 }

@@ -117,13 +117,32 @@ pub fn was_left_out(out: &Path, cell: &Cell) -> bool {
 pub struct Answers {
     /// In the order of the cells' names.
     pub answers: Vec<Answer>,
-    /// Cells that are none, because their cause cannot be so strong or no such size was found.
-    pub left_out: Vec<Cell>,
+    /// Cells that were not asked, and why.
+    pub left_out: Vec<(Cell, Missing)>,
+}
+
+/// Why a cell is not asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// There is no such rope, for this reason: the cause cannot be so strong, no such size was found, or it cannot be
+    /// simulated.
+    NoSuchRope(String),
+    /// Its truth is not in this file.
+    NotMade(PathBuf),
+}
+
+impl std::fmt::Display for Missing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoSuchRope(reason) => f.write_str(reason),
+            Self::NotMade(file) => write!(f, "{} was not made", file.display()),
+        }
+    }
 }
 
 /// Answers of all cells whose truth is there, those of earlier runs included. Where a truth of G2 is not
-/// there it is made; those of other realities are only read. Cells whose cause cannot be so strong are
-/// left out; `told` hears why, and of every answer.
+/// there it is made; those of other realities are only read. Cells without a truth are left out; `told` hears why, and of
+/// every answer.
 ///
 /// # Errors
 /// A file cannot be read or written, or the rope without a cause cannot be simulated.
@@ -133,7 +152,7 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
     let answers = cells
         .iter()
         .par_bridge()
-        .map(|cell| -> anyhow::Result<Result<Answer, Cell>> {
+        .map(|cell| -> anyhow::Result<Result<Answer, (Cell, Missing)>> {
             if let Some(answer) = answered(out, cell) {
                 finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                 return Ok(Ok(answer));
@@ -142,7 +161,7 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
                 Ok(truth) => ask(cell, &truth),
                 Err(reason) => {
                     told(&format!("{} is left out: {reason}", cell.name()));
-                    return Ok(Err(cell.clone()));
+                    return Ok(Err((cell.clone(), reason)));
                 }
             };
             write_whole(&file(out, cell), &serde_json::to_vec_pretty(&answer)?)?;
@@ -168,8 +187,8 @@ pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::
     Ok(all)
 }
 
-/// What happened in a cell, or why there is no such thing.
-fn truth_of(cell: &Cell, out: &Path) -> anyhow::Result<Result<Truth, String>> {
+/// What happened in a cell, or why that is not known.
+fn truth_of(cell: &Cell, out: &Path) -> anyhow::Result<Result<Truth, Missing>> {
     let folder = out.join("truths");
     let key = cell.truth();
     let truth = if cell.world == Finer.name() {
@@ -178,9 +197,9 @@ fn truth_of(cell: &Cell, out: &Path) -> anyhow::Result<Result<Truth, String>> {
         truth::read(&folder, &key)?
     };
     Ok(match truth {
-        None => Err(format!("{} was not made", truth::file(&folder, &key).display())),
+        None => Err(Missing::NotMade(truth::file(&folder, &key))),
         Some(truth) => match truth.missing.clone() {
-            Some(reason) => Err(reason),
+            Some(reason) => Err(Missing::NoSuchRope(reason)),
             None => Ok(truth),
         },
     })
@@ -288,8 +307,11 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     };
     let mut set = named.clone();
     if said == Said::Confounded {
-        let rivals = outcome.rivals.iter().flat_map(|rival| &rival.effects);
-        set.extend(rivals.filter(|id| !accepted.contains(id)).cloned());
+        for id in outcome.rivals.iter().flat_map(|rival| &rival.effects) {
+            if !set.contains(id) {
+                set.push(id.clone());
+            }
+        }
     }
     let errors_mm = |left: [&Evaluation; 2]| errors_mm(left.map(ResidualSummary::of));
     Answer {

@@ -58,6 +58,7 @@ fn figure(figure: &Figure) -> String {
         },
         Figure::Number(Some(value), n) => format!("{value:7.3} (n = {n})"),
         Figure::Number(None, _) => "-".into(),
+        Figure::Count(count) => format!("{count:7}"),
     }
 }
 
@@ -73,7 +74,7 @@ mod tests {
             answer(&[], 0.0, &["air_drag"], &[]),
             answer(&["tip_mass"], 5.0, &["tip_mass"], &[]),
         ];
-        let text = text(&[tally("g2", &answers, 0, 0.1)]);
+        let text = text(&[tally("g2", &answers, &[], 0.1)]);
         let line = |start: &str| {
             text.lines()
                 .find(|l| l.trim_start().starts_with(start))

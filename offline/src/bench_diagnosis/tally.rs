@@ -2,7 +2,7 @@
 
 use super::ablations::ablations;
 use super::cells::Kind;
-use super::run::{Answer, Said, Value};
+use super::run::{Answer, Missing, Said, Value};
 use crate::statistics::{Rate, median};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -35,6 +35,8 @@ pub enum Figure {
     Rate(Rate),
     /// A number, from so many answers.
     Number(Option<f64>, usize),
+    /// So many.
+    Count(usize),
 }
 
 /// Everything that is counted for one reality.
@@ -148,14 +150,14 @@ fn count(what: &str, count: usize) -> Line {
     Line {
         what: what.into(),
         target: None,
-        figure: Figure::Number(Some(count as f64), count),
+        figure: Figure::Count(count),
         met: None,
     }
 }
 
-/// Counts the answers about one reality, of which so many cells were left out. `value_target` is the largest median error
+/// Counts the answers about one reality, and why cells of it were left out. `value_target` is the largest median error
 /// of an effect's value. A diagnosis that failed is a miss of every rate.
-pub fn tally(world: &str, all: &[Answer], left_out: usize, value_target: f64) -> Tally {
+pub fn tally(world: &str, all: &[Answer], left_out: &[&Missing], value_target: f64) -> Tally {
     let mine: Vec<&Answer> = all.iter().filter(|a| a.cell.world == world).collect();
     let whole: Vec<&Answer> = mine
         .iter()
@@ -164,7 +166,13 @@ pub fn tally(world: &str, all: &[Answer], left_out: usize, value_target: f64) ->
         .collect();
     let mut lines = single_lines(&whole, value_target);
     lines.extend(other_lines(&whole));
-    lines.push(count("cells left out: the cause cannot be so strong", left_out));
+    let not_made = |missing: &&&Missing| matches!(missing, Missing::NotMade(_));
+    let not_made = left_out.iter().filter(not_made).count();
+    lines.push(count(
+        "cells left out: the cause cannot be so strong, or its rope not be simulated",
+        left_out.len() - not_made,
+    ));
+    lines.push(count("cells left out: their truth was not made", not_made));
     let failed = whole.iter().filter(|a| a.said == Said::Failed).count();
     lines.push(count("diagnoses that failed", failed));
     Tally {
@@ -439,10 +447,12 @@ pub(super) mod tests {
 
     #[test]
     fn every_line_counts_what_it_says() {
-        let tally = tally("g2", &answers(), 3, 0.1);
+        let not_made = Missing::NotMade("truths/some.json".into());
+        let no_such_rope = Missing::NoSuchRope("leaves only 0.1 of 5 mm".into());
+        let tally = tally("g2", &answers(), &[&not_made, &no_such_rope, &not_made], 0.1);
         let rate = |start: &str| match line(&tally, start).figure {
             Figure::Rate(rate) => (rate.hits, rate.of),
-            Figure::Number(..) => panic!("{start} is no rate"),
+            _ => panic!("{start} is no rate"),
         };
         assert_eq!(rate("no effect"), (2, 4));
         assert_eq!(rate("single effect, 2"), (2, 4));
@@ -455,14 +465,10 @@ pub(super) mod tests {
         assert_eq!(rate("pairs: both"), (1, 1));
         assert_eq!(rate("pairs: a false"), (1, 1));
         assert_eq!(rate("error in a sealed"), (13, 15));
-        assert_eq!(
-            line(&tally, "cells left out").figure,
-            Figure::Number(Some(3.0), 3)
-        );
-        assert_eq!(
-            line(&tally, "diagnoses that").figure,
-            Figure::Number(Some(1.0), 1)
-        );
+        let counted = |start: &str| line(&tally, start).figure;
+        assert_eq!(counted("cells left out: the cause"), Figure::Count(1));
+        assert_eq!(counted("cells left out: their truth"), Figure::Count(2));
+        assert_eq!(counted("diagnoses that"), Figure::Count(1));
         assert_eq!(line(&tally, "no effect").met, Some(false));
         assert_eq!(tally.confusion["tip_mass"]["(unexplained)"], 1);
         assert_eq!(
@@ -483,7 +489,7 @@ pub(super) mod tests {
             vanishes_at: 0.0,
         };
         right.values = vec![value("a", 0.5, 0.1, 2.0), value("b", 1.1, 1.0, 4.0)];
-        let tally = tally("g2", &[right], 0, 0.1);
+        let tally = tally("g2", &[right], &[], 0.1);
         let Figure::Number(Some(error), 1) = line(&tally, "effect's value").figure else {
             panic!("no error")
         };

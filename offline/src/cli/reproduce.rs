@@ -226,8 +226,7 @@ fn policies_table(
     json: bool,
 ) -> anyhow::Result<()> {
     runs::set_threads(asked.threads)?;
-    let mut settings = policies::Settings::of(asked.preset, asked.seed);
-    settings.rollouts = asked.rollouts.unwrap_or(settings.rollouts);
+    let settings = policies::Settings::of(asked.preset, asked.rollouts, asked.seed);
     let table = make(&settings, &asked.out, runs::watch(&|p| reporter.advance(p))?)?;
     let text = table.markdown();
     write_whole(&asked.out.join(format!("{name}.md")), text.as_bytes())?;

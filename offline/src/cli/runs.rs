@@ -307,13 +307,13 @@ pub fn watch(progress: &(dyn Fn(Progress) + Sync)) -> anyhow::Result<Watch<'_>> 
     })
 }
 
-/// Ctrl-C lets running rollouts end and their shard be written; the second one leaves at once.
+/// Ctrl-C ends collecting and training where files are whole; the second one leaves at once.
 fn catch_interrupt() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        note("stopping after the rollouts that are running; press Ctrl-C again to leave at once");
+        note("stopping after the rollouts that are running, those of an unfinished shard are made again; press Ctrl-C again to leave at once");
     })
     .context("cannot catch Ctrl-C")
 }

@@ -34,6 +34,8 @@ pub struct Design {
     pub poisson: Interval,
     /// Release points, drawn uniformly over the region.
     pub region: ReleaseRegion,
+    /// Goals that a policy may be asked for, m.
+    pub goal_x_m: Interval,
     /// Number of rollouts.
     pub rollouts: u64,
     /// Seed of all streams.

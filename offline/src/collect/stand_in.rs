@@ -26,7 +26,7 @@ pub(crate) struct DoublePendulum;
 
 impl Swinger for DoublePendulum {
     fn reach_m(&self, young_pa: f64, poisson: f64, release_m: [f64; 2]) -> Result<f64, SwingRefusal> {
-        let top = SwingTask::PAPER.top_m;
+        let top = SwingTask::PAPER.touching_m();
         let (dx, down) = (release_m[0] - top[0], top[1] - release_m[1]);
         let distance = dx.hypot(down);
         if distance > LENGTH_M {
@@ -102,6 +102,7 @@ pub(crate) fn design(rollouts: u64) -> Design {
         },
         poisson: Interval { low: 0.2, high: 0.4 },
         region: Design::region(&SwingTask::PAPER, LENGTH_M),
+        goal_x_m: SwingTask::PAPER.goal_x_m,
         rollouts,
         seed: 1,
     }

@@ -108,8 +108,8 @@ pub(super) struct Facts<'a> {
 }
 
 impl Facts<'_> {
-    /// Effects that every model has which fits as well, and what each of them has besides, the final one's first; each may
-    /// be several together.
+    /// Effects that the final model shares with all of its rivals, and what it and each of them has besides; each may be
+    /// several together.
     fn alternatives(&self) -> (Vec<String>, Vec<String>) {
         let own = self.structure.ids();
         let in_all = |id: &String| self.rivals.iter().all(|rival| rival.effects.contains(id));

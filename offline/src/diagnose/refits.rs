@@ -337,14 +337,14 @@ impl<'a> Refits<'a> {
         });
     }
 
-    /// A refit with what another model was extended by, from where that came to.
+    /// A refit with what another model, of effects `known`, was extended by, from the sizes that this has in the refit there.
     pub(super) fn like(&self, candidate: &Subset, refit: &Refit, known: &Structure) -> Option<Tried> {
         let next = candidate.added_to(&self.now.structure);
         let had = &refit.theta[known.parameters().len()..];
         let own = &self.now.fitted.best.theta;
         let starts = [[own, had].concat(), candidate.nothing(own)];
         let start = Descent::at_first(&self.bench.fit, &next, starts, self.now.fitted.cost).ok()?;
-        self.judge(candidate, start.run(REFIT_EVALUATIONS), &Batch::of(&[]))
+        self.judge(candidate, start.run(2 * REFIT_EVALUATIONS), &Batch::of(&[]))
     }
 
     /// Whether a refit explains as much of the excess where fitted as the gates ask for.

@@ -2,7 +2,7 @@
 //! still, beside what was found since.
 
 use super::choice::{Standing, Tried, ties};
-use super::gates::all_physical;
+use super::gates::within_ranges;
 use super::memory::KeptModel;
 use super::refits::Refits;
 use super::round::{Refit, Round};
@@ -12,9 +12,9 @@ use crate::effects;
 use crate::fit::estimates;
 use crate::model::Structure;
 
-/// The rivals of the model `before` that fit as well as the model `next`, which a round made of that, once they are
-/// extended as it was. What was accepted has to pass the gates beside them too, and their own effects must be needed
-/// there.
+/// The rivals of the model `before` that fit as well as the model `next`, which a round made of that, or better, once they
+/// are extended as it was. What was accepted has to pass the gates beside them too. They are not extended by what ties
+/// with it: every model here differs from `next` in what one round found.
 pub(super) fn still_rivals(
     bench: &Bench,
     before: &Standing,
@@ -28,7 +28,7 @@ pub(super) fn still_rivals(
     };
     let may = |rival: &&KeptModel| {
         let with_that = [&rival.effects[..], &round.accepted].concat();
-        // Without an effect that is not needed any more a model is smaller than its old rivals: they are none of it.
+        // A model that needs an earlier effect no more is a part of that effect's rivals with what took its place.
         !round.accepted.iter().any(|id| rival.effects.contains(id))
             && !has_all(&with_that, &next.structure.ids())
     };
@@ -37,7 +37,7 @@ pub(super) fn still_rivals(
         let name = effects::together(&rival.effects);
         progress(&format!("asking whether {name} does as well with that"));
         let one = extension.of_rival(bench, rival, options)?;
-        (one.refit.passed && needs_its_own(&one) && ties(&next.fitted, &one.fitted)).then(|| {
+        (one.refit.passed && is_physical(&one) && ties(&next.fitted, &one.fitted)).then(|| {
             progress(&format!("{name} does"));
             KeptModel::of(&Standing::judged(one.structure, one.fitted, one.refit.held_out))
         })
@@ -87,9 +87,8 @@ impl<'r> Extension<'r> {
     }
 }
 
-/// Whether a model's earlier effects are something beside the last, and all of them physical.
-fn needs_its_own(tried: &Tried) -> bool {
-    all_physical(&tried.structure, &estimates(&tried.fitted.best, &tried.structure))
+fn is_physical(tried: &Tried) -> bool {
+    within_ranges(&tried.structure, &estimates(&tried.fitted.best, &tried.structure))
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ pub enum Verdict {
     },
     /// These data cannot tell the listed effects apart.
     Confounded {
-        /// Names of effects that were found before and stand.
+        /// Names of effects that all models have between which the data cannot choose.
         #[serde(default)]
         found: Vec<String>,
         /// Names of the effects that are alike.

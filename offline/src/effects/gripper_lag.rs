@@ -1,5 +1,5 @@
 //! First-order lag of the gripper behind its recorded path: T y' = p(t) − y. The path is cubic between its knots, so the
-//! solution is known in closed form ([`Recorded::trail`]), smooth in T down to zero, where solving the differential
+//! solution is known in closed form ([`Recorded::behind`]), smooth in T down to zero, where solving the differential
 //! equation step by step has no slope.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
@@ -35,7 +35,7 @@ struct Lag<T> {
 
 impl<T: Real> PathLaw<T> for Lag<T> {
     fn offset(&self, recorded: &Recorded<T>, t_s: f64) -> Pose<T> {
-        recorded.trail(self.lag_s, t_s)
+        recorded.behind(self.lag_s, t_s)
     }
 }
 

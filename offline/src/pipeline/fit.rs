@@ -70,7 +70,15 @@ impl FitFile {
 /// # Errors
 /// A file cannot be removed.
 pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<(), FileError> {
-    for path in [run.diagnosis(), run.tables(), run.report(), run.evaluation()] {
+    let others = [
+        run.diagnosis(),
+        run.profile(),
+        run.base_profile(),
+        run.tables(),
+        run.report(),
+        run.evaluation(),
+    ];
+    for path in others {
         if path.exists() {
             progress(&format!(
                 "{} is of other data or settings: removed",

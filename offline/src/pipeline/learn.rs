@@ -90,6 +90,7 @@ fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> 
         },
         poisson: POISSON,
         region: Design::region(&swing.task, swing.free_length_m()),
+        goal_x_m: swing.task.goal_x_m,
         rollouts: settings.rollouts,
         seed: settings.seed,
     }

@@ -1,6 +1,6 @@
-//! Everything in order: demonstrations to fit, diagnosis, rollouts, policy, blob and report. Every
-//! stage leaves whole files in the run's folder and is skipped when they are there already, so a
-//! killed run goes on where it was.
+//! Everything in order: demonstrations to fit, diagnosis, rollouts, policy, blob and report. Every stage leaves whole files
+//! in the run's folder. What takes long, up to the trained policy, is not made again where it is there for the same data
+//! and settings, so a killed run goes on where it was; what follows is made anew.
 
 mod fit;
 mod identify;

@@ -6,6 +6,7 @@ use crate::diagnose::{LoopOptions, problems};
 use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
+use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -64,6 +65,10 @@ pub fn profile(
         of.structure.at_an_end(&wanted.theta)
     };
     if entries.is_empty() {
+        // One of another fit would pass for this one's.
+        if file.exists() {
+            std::fs::remove_file(file).with_context(|| format!("cannot remove {}", file.display()))?;
+        }
         return Ok(Vec::new());
     }
     progress(if asked {

@@ -22,7 +22,7 @@ use crate::reach::Practice;
 use crate::run_files::RunFolder;
 use crate::sim::rope::RopeShape;
 use crate::swing::SimulatedSwing;
-use crate::train::{Learner, TrainSettings};
+use crate::train::{Learner, Schedule, TrainSettings};
 use crate::trained::Trained;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -52,6 +52,10 @@ const OUTSIDE: [Interval; 2] = [
 /// Its three ropes as it estimated them, red, white and yellow: E in its units and ν.
 const ROPES: [[f64; 2]; 3] = [[1779.38, 0.35], [3276.12, 0.346], [8000.31, 0.36]];
 
+/// How often the paper's policies go through what they learn from, and how much of it is in a step.
+const EPOCHS: u64 = 300;
+const BATCH: u64 = 256;
+
 /// Random streams of goals and of inputs that are not given lie above those of rollouts and of training.
 const GOALS: u64 = 1 << 52;
 const UNTOLD: u64 = 1 << 53;
@@ -70,13 +74,20 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Settings of a preset.
-    pub fn of(preset: Preset, seed: u64) -> Self {
-        let quick = preset == Preset::Quick;
+    /// Settings of a preset, with another number of rollouts where one is given. Regression goes through them as often as
+    /// the paper's does.
+    pub fn of(preset: Preset, rollouts: Option<u64>, seed: u64) -> Self {
+        let usual = if preset == Preset::Quick { 400 } else { 2271 };
+        let rollouts = rollouts.unwrap_or(usual);
         Self {
-            rollouts: if quick { 400 } else { 2271 },
+            rollouts,
             cells: RunSettings::of(preset, seed).cells,
             training: TrainSettings {
+                regression: Schedule {
+                    steps: (EPOCHS * rollouts).div_ceil(BATCH) as usize,
+                    batch: BATCH as usize,
+                    ..TrainSettings::QUICK.regression
+                },
                 rounds: 0,
                 seed,
                 ..TrainSettings::QUICK
@@ -192,6 +203,7 @@ impl<'a> Field<'a> {
                 young_pa: pascals(&YOUNG_UNITS, &shape),
                 poisson: POISSON,
                 region: Design::region(&own.task, own.free_length_m()),
+                goal_x_m: own.task.goal_x_m,
                 rollouts: settings.rollouts,
                 seed: settings.seed,
             },
@@ -246,7 +258,7 @@ impl<'a> Field<'a> {
         Ok(learner.finish()?)
     }
 
-    /// Goals for ropes that `rope` draws. `set` tells lists of goals apart.
+    /// Goals of the task that random releases reach, for ropes that `rope` draws. `set` tells lists of goals apart.
     fn goals(
         &self,
         [set, count]: [u64; 2],
@@ -261,7 +273,7 @@ impl<'a> Field<'a> {
                 let (young_pa, poisson) = rope(index, &mut rng);
                 let release_m = self.design.release(&mut rng);
                 if let Ok(goal_x_m) = self.swinger.reach_m(young_pa, poisson, release_m)
-                    && goal_x_m.is_finite()
+                    && self.design.goal_x_m.contains(goal_x_m)
                 {
                     return Ok(Practice {
                         goal_x_m,
@@ -329,8 +341,13 @@ impl<'a> Field<'a> {
 
     fn title(&self, what: &str) -> String {
         format!(
-            "{what}: |goal − reached| in simulation, {} rollouts for each policy, {:.2} cells across the rope, seed {}",
-            self.settings.rollouts, self.settings.cells, self.settings.seed
+            "{what}: |goal − reached| in simulation, {} rollouts for each policy, regression in {} steps of {}, {:.2} cells \
+             across the rope, seed {}",
+            self.settings.rollouts,
+            self.settings.training.regression.steps,
+            self.settings.training.regression.batch,
+            self.settings.cells,
+            self.settings.seed
         )
     }
 }
@@ -447,7 +464,7 @@ mod tests {
     /// Of ropes whose stiffness changes the reach, as the stand-in's does.
     #[test]
     fn a_policy_that_is_told_nothing_of_the_rope_misses_by_more() {
-        let settings = Settings::of(Preset::Quick, 3);
+        let settings = Settings::of(Preset::Quick, None, 3);
         let folder = tempfile::tempdir().unwrap();
         let field = Field::new(&settings, folder.path(), &DoublePendulum, unwatched()).unwrap();
         let table = ablation_on(&field).unwrap();

@@ -3,7 +3,8 @@
 
 use super::chamfer::chamfer;
 use super::gradient::Steps;
-use super::method::{Case, Effort, Method, StepSizes};
+use super::method::{Case, Effort, Estimated, Method, StepSizes};
+use super::ours::Fitted;
 use super::scene::physics;
 use super::table::{Row, Spread, Table};
 use crate::demo::Demo;
@@ -60,6 +61,8 @@ struct Judged {
     row: String,
     parameters: [f64; 2],
     chamfer_units: f64,
+    /// What our fit says besides.
+    fit: Option<Fitted>,
 }
 
 const METHODS: [Method; 2] = [
@@ -150,20 +153,21 @@ fn finish(
     if let Some(kept) = kept(path).filter(same) {
         return Ok(kept);
     }
-    let judge = |row, parameters| -> anyhow::Result<Judged> {
-        let state_m = last_state(case, parameters)?;
+    let judge = |estimated: Estimated| -> anyhow::Result<Judged> {
+        let state_m = last_state(case, estimated.parameters)?;
         Ok(Judged {
             settings: *settings,
             hash,
-            row,
-            parameters,
+            row: estimated.row,
+            parameters: estimated.parameters,
+            fit: estimated.fit,
             chamfer_units: chamfer(&state_m, &case.last_m) / METRES_PER_UNIT,
         })
     };
     let judged = method
         .estimate(case, &settings.effort, start)?
         .into_iter()
-        .map(|e| judge(e.row, e.parameters))
+        .map(judge)
         .collect::<anyhow::Result<Vec<_>>>()?;
     write_whole(path, &serde_json::to_vec_pretty(&judged)?)?;
     Ok(judged)
@@ -204,18 +208,39 @@ fn table(settings: &Settings, case: &Case, judged: &[Judged]) -> Table {
         }
     });
     let rope: RopeShape = case.scene.rope;
+    let ours = judged.iter().filter_map(|j| Some((&j.row, j.fit.as_ref()?)));
+    let mut notes: Vec<String> = ours.map(|(row, fit)| with_standard_errors(row, fit)).collect();
+    notes.extend([
+        format!(
+            "Gradient rows: {} steps of Adam (released code: 100) from each of {} random starts (paper: 5); spread over starts.",
+            settings.effort.iterations, settings.gradient_starts
+        ),
+        "Chamfer: measured points lie on the visible surface, simulated particles fill the rope, so a perfect estimate leaves some distance.".into(),
+        "The paper prints for its own three ropes: E 1779 to 8000, ν 0.35 to 0.36, Chamfer 0.034 to 0.060.".into(),
+    ]);
     Table {
-        title: format!("Real2sim, demonstration {}, seed {}", case.name, settings.effort.seed),
+        title: format!(
+            "Real2sim, demonstration {}, seed {}",
+            case.name, settings.effort.seed
+        ),
         rows: rows.collect(),
         errors: false,
         density_kg_m3: rope.density_kg_m3(),
-        notes: vec![
-            format!(
-                "Gradient rows: {} steps of Adam (released code: 100) from each of {} random starts (paper: 5); spread over starts.",
-                settings.effort.iterations, settings.gradient_starts
-            ),
-            "Chamfer: measured points lie on the visible surface, simulated particles fill the rope, so a perfect estimate leaves some distance.".into(),
-            "The paper prints for its own three ropes: E 1779 to 8000, ν 0.35 to 0.36, Chamfer 0.034 to 0.060.".into(),
-        ],
+        notes,
     }
+}
+
+/// What our fit says of its parameters, for people.
+fn with_standard_errors(row: &str, fit: &Fitted) -> String {
+    let told = |name: &str, k: usize, digits: usize| {
+        let [value, error] = [fit.parameters[k], fit.standard_errors[k]];
+        let doubt = if fit.identified[k] {
+            ""
+        } else {
+            " (not identified)"
+        };
+        format!("{name} = {value:.digits$} ± {error:.digits$}{doubt}")
+    };
+    let [young, poisson] = [told("E", 0, 1), told("ν", 1, 3)];
+    format!("{row}, one fit with its standard errors: {young} paper units, {poisson}.")
 }

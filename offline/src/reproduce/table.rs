@@ -32,9 +32,13 @@ impl Spread {
         }
     }
 
-    /// As people write it, with so many digits after the point.
+    /// As people write it, with so many digits after the point; one value has no spread.
     pub(super) fn shown(&self, digits: usize) -> String {
-        format!("{:.digits$} ± {:.digits$}", self.mean, self.deviation)
+        let mean = format!("{:.digits$}", self.mean);
+        if self.n == 1 {
+            return mean;
+        }
+        format!("{mean} ± {:.digits$}", self.deviation)
     }
 }
 
@@ -158,7 +162,7 @@ mod tests {
     fn a_row_shows_mean_and_spread_beside_the_paper() {
         let spread = Spread::of(&[1.0, 3.0]);
         assert!((spread.mean - 2.0).abs() < 1e-12 && (spread.deviation - 2f64.sqrt()).abs() < 1e-12);
-        assert_eq!(Spread::of(&[4.0]).deviation, 0.0);
+        assert_eq!(Spread::of(&[4.0]).shown(1), "4.0");
         let name = "gradient, last step, E step 10 (paper), best iterate";
         let table = Table {
             title: "T".into(),

@@ -38,7 +38,7 @@
 
 use super::physics::{PathLaw, Pose};
 use super::real::Real;
-use super::recorded::{Derivatives, Recorded};
+use super::recorded::Recorded;
 use super::step::Particle;
 use super::tensor::{
     Mat3, Vec3, add, matmul, matmul_transposed, matvec, mul, rotation_of_quaternion, sub, zero3,
@@ -78,16 +78,6 @@ pub struct Knot {
     pub closed: bool,
 }
 
-impl Knot {
-    /// Itself as a change of a knot at the origin that stands still.
-    pub(super) fn shift_from_nothing(&self) -> KnotShift<f64> {
-        KnotShift {
-            pose: self.pose,
-            rate: self.rate,
-        }
-    }
-}
-
 /// A sampled pose: time in s, pose, whether the clamp holds from here on.
 pub type Sample = (f64, Pose<f64>, bool);
 
@@ -97,20 +87,13 @@ pub type Sample = (f64, Pose<f64>, bool);
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClampPath {
     knots: Vec<Knot>,
-    /// What the derivatives jump by at each knot.
-    jumps: Vec<Derivatives<f64>>,
 }
 
 impl ClampPath {
     /// A path through knots in time order (at least one).
     pub fn new(knots: Vec<Knot>) -> Self {
         assert!(!knots.is_empty(), "a path has at least one knot");
-        let mut path = Self {
-            knots,
-            jumps: Vec::new(),
-        };
-        path.jumps = (0..path.knots.len()).map(|i| path.own_jump(i)).collect();
-        path
+        Self { knots }
     }
 
     /// A path from sampled poses; rates are the slopes of the parabolas through neighbours. It starts
@@ -168,11 +151,6 @@ impl ClampPath {
     /// The knots.
     pub fn knots(&self) -> &[Knot] {
         &self.knots
-    }
-
-    /// What the derivatives with respect to time jump by at knot `i`.
-    pub(super) fn jump(&self, i: usize) -> &Derivatives<f64> {
-        &self.jumps[i]
     }
 
     /// Motion of the clamp since its first pose, as recorded.

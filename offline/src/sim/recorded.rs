@@ -1,17 +1,19 @@
-//! The recorded path of a grip, with its shift, as the laws see it that disturb it: where the path is, and where something
-//! is that trails behind it.
+//! The recorded path of a grip, with its shift, as the laws see it that disturb it: where it is, and how far behind something
+//! is that follows it with a lag.
 
 use super::clamp::{ClampPath, KnotShift, Span};
 use super::dual::Dual;
 use super::physics::Pose;
-use super::real::Real;
+use super::real::{Arithmetic, Real};
 
-/// First to third derivative of a path with respect to time, in 1/s, 1/s² and 1/s³.
-pub(super) type Derivatives<T> = [Pose<T>; 3];
+/// Lags after which nothing is left of the past: e⁻²⁵ is 1e-11.
+const LAGS_REMEMBERED: f64 = 25.0;
+/// Pieces of up to so many lags are summed as a series, of so many terms: the last is 1e-16 of the first.
+const SHORT: f64 = 1.0;
+const SERIES: usize = 17;
 
-/// Lags after which nothing is left of the past: e⁻³⁰ of it is 1e-13.
-const LAGS_REMEMBERED: f64 = 30.0;
-
+/// A number with its slope along the lag.
+type OfLag = Dual<f64, 1>;
 /// How knots are changed, by index.
 type Shift<'a, T> = Option<&'a dyn Fn(usize) -> KnotShift<T>>;
 
@@ -55,129 +57,187 @@ impl<'a, T: Real> Recorded<'a, T> {
         }
     }
 
-    /// Where y is minus where the path p is at time `t_s`, with T y' = p(t) − y for T = `lag_s`, and y = p before the first
-    /// knot.
+    /// Where something is at time `t_s` that follows the path p with a lag, minus where p is: y − p of T y' = p(t) − y for
+    /// T = `lag_s`, with y = p before the first knot.
     ///
-    /// Of the solution y(t) = ∫ p(s) e^(−(t−s)/T)/T ds each cubic piece gives, by parts, e^(−(t−s)/T) (p − T p' + T² p'' −
-    /// T³ p''') between its ends. So y is that at t, and at every knot before what the derivatives jump by. The path's own
-    /// part is summed in f64 in any precision: where knots lie closer than T, its terms are many times their sum.
-    pub fn trail(&self, lag_s: T, t_s: f64) -> Pose<T> {
-        let path = self.path;
-        let knots = path.knots();
-        let piece = knots.partition_point(|knot| knot.t_s < t_s);
-        let oldest_s = t_s - LAGS_REMEMBERED * lag_s.value();
-        let oldest = knots.partition_point(|knot| knot.t_s <= oldest_s);
-        let past = || (oldest..piece).map(|i| (t_s - knots[i].t_s, i));
-
-        let lag = Dual::<f64, 1>::input(lag_s.value(), 0);
-        let now = path.derivatives(piece, t_s);
-        let jumps = past().map(|(since_s, i)| (since_s, in_numbers(path.jump(i))));
-        let own = behind(lag, &in_numbers(&now), jumps);
-        let change = lag_s - T::of(lag_s.value());
-        let own = own.map(|x| T::of(x.value) + change.scale(x.tangent[0]));
-        let Some(shift) = self.shift else { return own };
-        let now = path.derivatives_of(shift, piece, t_s);
-        let jumps = past().map(|(since_s, i)| (since_s, path.jump_of(shift, i)));
-        let of_shift = behind(lag_s, &now, jumps);
-        std::array::from_fn(|k| own[k] + of_shift[k])
-    }
-}
-
-fn in_numbers<T: Real>(of: &Derivatives<f64>) -> Derivatives<T> {
-    of.map(|pose| pose.map(T::of))
-}
-
-/// y − p from the derivatives of p now and their jumps so long ago, s.
-fn behind<T: Real>(
-    lag_s: T,
-    now: &Derivatives<T>,
-    jumps: impl Iterator<Item = (f64, Derivatives<T>)>,
-) -> Pose<T> {
-    let square = lag_s * lag_s;
-    let weights = [-lag_s, square, -square * lag_s];
-    let weighted = |of: &Derivatives<T>, k: usize| {
-        let [first, second, third] = std::array::from_fn(|order| weights[order] * of[order][k]);
-        first + second + third
-    };
-    let mut behind: Pose<T> = std::array::from_fn(|k| weighted(now, k));
-    for (since_s, jump) in jumps {
-        let left = (T::of(-since_s) / lag_s).exp();
-        for (k, behind) in behind.iter_mut().enumerate() {
-            *behind -= left * weighted(&jump, k);
+    /// It is −∫ p'(s) e^(−(t−s)/T) ds, to which every cubic piece of the path gives its part in closed form. None is larger
+    /// than the piece, however short that is, so nothing cancels.
+    pub fn behind(&self, lag_s: T, t_s: f64) -> Pose<T> {
+        let mut behind = [T::zero(); 7];
+        for (weights, part) in self.past(lag_s, t_s) {
+            let w = weights.map(|w| linear(w, lag_s));
+            for (k, behind) in behind.iter_mut().enumerate() {
+                *behind -=
+                    w[0].scale(part.step[k]) + w[1].scale(part.rates[0][k]) + w[2].scale(part.rates[1][k]);
+            }
+            let Some(shift) = self.shift else { continue };
+            let by = part.of(shift);
+            for (k, behind) in behind.iter_mut().enumerate() {
+                *behind -= w[0] * by.step[k] + w[1] * by.rates[0][k] + w[2] * by.rates[1][k];
+            }
         }
+        behind
     }
-    behind
+
+    /// The parts of the path before time `t_s` that are remembered, newest first, with the weights of their steps and of
+    /// the rates at their ends.
+    fn past(&self, lag_s: T, t_s: f64) -> impl Iterator<Item = ([OfLag; 3], Part<'a>)> {
+        let path = self.path;
+        let lag = OfLag::input(lag_s.value(), 0);
+        let newest = path.knots().partition_point(|knot| knot.t_s < t_s);
+        let parts = (1..=newest)
+            .rev()
+            .filter_map(move |piece| Part::new(path, piece, t_s));
+        parts
+            .take_while(move |part| t_s - part.end_s <= LAGS_REMEMBERED * lag.value)
+            .map(move |part| {
+                let since_s = t_s - part.end_s;
+                let left = if since_s > 0.0 {
+                    (OfLag::of(-since_s) / lag).exp()
+                } else {
+                    OfLag::of(1.0)
+                };
+                (weights(part.span_s, lag).map(|w| left * w), part)
+            })
+    }
 }
 
-impl ClampPath {
-    /// Derivatives at time `t_s` of piece `piece`, which ends at the knot of that index.
-    fn derivatives(&self, piece: usize, t_s: f64) -> Derivatives<f64> {
-        self.derivatives_of(&|i| self.knots()[i].shift_from_nothing(), piece, t_s)
+/// A number that depends on the lag, in the numbers of the lag.
+fn linear<T: Real>(of_lag: OfLag, lag_s: T) -> T {
+    T::of(of_lag.value) + (lag_s - T::of(lag_s.value())).scale(of_lag.tangent[0])
+}
+
+/// A piece of a path, up to its end or to now: cubic with these steps and rates.
+struct Part<'a> {
+    path: &'a ClampPath,
+    /// Index of the knot at which the piece ends.
+    piece: usize,
+    end_s: f64,
+    span_s: f64,
+    /// How far it leads.
+    step: Pose<f64>,
+    /// Rates at its start and its end, 1/s.
+    rates: [Pose<f64>; 2],
+}
+
+/// The same of how its knots are changed.
+struct Changed<T> {
+    step: Pose<T>,
+    rates: [Pose<T>; 2],
+}
+
+impl<'a> Part<'a> {
+    /// None where the path stands still or the piece takes no time.
+    fn new(path: &'a ClampPath, piece: usize, t_s: f64) -> Option<Self> {
+        let knots = path.knots();
+        let start = &knots[piece - 1];
+        let end_s = knots.get(piece).map_or(t_s, |knot| knot.t_s.min(t_s));
+        let span_s = end_s - start.t_s;
+        if span_s <= 0.0 || piece == knots.len() && start.closed {
+            return None;
+        }
+        let mut part = Self {
+            path,
+            piece,
+            end_s,
+            span_s,
+            step: [0.0; 7],
+            rates: [[0.0; 7]; 2],
+        };
+        let Changed { step, rates } = part.of(&|i| KnotShift {
+            pose: knots[i].pose,
+            rate: knots[i].rate,
+        });
+        (part.step, part.rates) = (step, rates);
+        Some(part)
     }
 
-    /// Those of a path through knots at the same times, which are `knot`.
-    fn derivatives_of<T: Real>(
-        &self,
-        knot: &dyn Fn(usize) -> KnotShift<T>,
-        piece: usize,
-        t_s: f64,
-    ) -> Derivatives<T> {
-        let knots = self.knots();
-        let still = [[T::zero(); 7]; 3];
-        let Some(before) = piece.checked_sub(1) else {
-            return still;
+    /// The part between knots at the same times that are as `knot` says.
+    fn of<T: Real>(&self, knot: &dyn Fn(usize) -> KnotShift<T>) -> Changed<T> {
+        let start = knot(self.piece - 1);
+        let Some(next) = self.path.knots().get(self.piece) else {
+            return Changed {
+                step: start.rate.map(|rate| rate.scale(self.span_s)),
+                rates: [start.rate; 2],
+            };
         };
-        if piece == knots.len() {
-            return if knots[before].closed {
-                still
-            } else {
-                [knot(before).rate, still[1], still[2]]
+        let end = knot(self.piece);
+        let whole_s = next.t_s - self.path.knots()[self.piece - 1].t_s;
+        let u = self.span_s / whole_s;
+        if u >= 1.0 {
+            return Changed {
+                step: std::array::from_fn(|k| end.pose[k] - start.pose[k]),
+                rates: [start.rate, end.rate],
             };
         }
-        let h = knots[piece].t_s - knots[before].t_s;
-        let u = (t_s - knots[before].t_s) / h;
-        let (a, b) = (knot(before), knot(piece));
-        // Derivatives of the weights of cubic Hermite interpolation, over h, h² and h³.
-        let order = |along: f64, start_rate: f64, end_rate: f64, per: f64| -> Pose<T> {
+        let weigh = |along: f64, start_rate: f64, end_rate: f64| -> Pose<T> {
             std::array::from_fn(|k| {
-                ((b.pose[k] - a.pose[k]).scale(along)
-                    + a.rate[k].scale(start_rate * h)
-                    + b.rate[k].scale(end_rate * h))
-                .scale(1.0 / per)
+                (end.pose[k] - start.pose[k]).scale(along)
+                    + start.rate[k].scale(start_rate)
+                    + end.rate[k].scale(end_rate)
             })
         };
-        [
-            order(
-                6.0 * u * (1.0 - u),
-                (3.0 * u - 4.0) * u + 1.0,
-                (3.0 * u - 2.0) * u,
-                h,
-            ),
-            order(6.0 - 12.0 * u, 6.0 * u - 4.0, 6.0 * u - 2.0, h * h),
-            order(-12.0, 6.0, 6.0, h * h * h),
-        ]
+        // Cubic Hermite interpolation and its derivative.
+        let (u2, h) = (u * u, whole_s);
+        let step = weigh(
+            u2 * (3.0 - 2.0 * u),
+            u * (1.0 - u) * (1.0 - u) * h,
+            u2 * (u - 1.0) * h,
+        );
+        let rate = weigh(
+            6.0 * u * (1.0 - u) / h,
+            (3.0 * u - 4.0) * u + 1.0,
+            (3.0 * u - 2.0) * u,
+        );
+        Changed {
+            step,
+            rates: [start.rate, rate],
+        }
     }
+}
 
-    /// What the derivatives jump by at knot `i`.
-    pub(super) fn own_jump(&self, i: usize) -> Derivatives<f64> {
-        self.jump_of(&|i| self.knots()[i].shift_from_nothing(), i)
-    }
+/// ∫ p'(s) e^(−(b−s)/T) ds over a cubic p from a to b = a + h: weights of p(b) − p(a), of p'(a) and of p'(b), in 1, s and s.
+/// With u the share of the way, p' = 6 (u − u²) (p(b) − p(a))/h + (1 − 4u + 3u²) p'(a) + (3u² − 2u) p'(b).
+fn weights(h: f64, lag_s: OfLag) -> [OfLag; 3] {
+    let [m0, m1, m2] = moments(h, lag_s);
+    [
+        (m1 - m2).scale(6.0),
+        (m0 - m1.scale(4.0) + m2.scale(3.0)).scale(h),
+        (m2.scale(3.0) - m1.scale(2.0)).scale(h),
+    ]
+}
 
-    /// The same of a path through knots at the same times.
-    fn jump_of<T: Real>(&self, knot: &dyn Fn(usize) -> KnotShift<T>, i: usize) -> Derivatives<T> {
-        let t_s = self.knots()[i].t_s;
-        let [before, after] = [i, i + 1].map(|piece| self.derivatives_of(knot, piece, t_s));
-        std::array::from_fn(|order| std::array::from_fn(|k| after[order][k] - before[order][k]))
+/// ∫ u^k e^(−(1−u) h/T) du from 0 to 1, for k = 0, 1, 2.
+fn moments(h: f64, lag_s: OfLag) -> [OfLag; 3] {
+    let one = OfLag::of(1.0);
+    if h < SHORT * lag_s.value {
+        // By parts M₂ = Σ (−x)^n 2/(n+3)!, and then Mₖ₋₁ = (1 − x Mₖ)/k.
+        let x = OfLag::of(h) / lag_s;
+        let (mut term, mut m2) = (OfLag::of(1.0 / 3.0), OfLag::of(0.0));
+        for n in 0..SERIES {
+            m2 += term;
+            term = (term * x).scale(-1.0 / (n + 4) as f64);
+        }
+        let m1 = (one - x * m2).scale(0.5);
+        return [one - x * m1, m1, m2];
     }
+    let share = lag_s.scale(1.0 / h);
+    let left = if h > LAGS_REMEMBERED * lag_s.value {
+        OfLag::of(0.0)
+    } else {
+        (OfLag::of(-h) / lag_s).exp()
+    };
+    let m0 = share * (one - left);
+    let m1 = share * (one - m0);
+    [m0, m1, share * (one - m1.scale(2.0))]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sim::clamp::Knot;
-    use crate::sim::real::Arithmetic;
 
-    /// A path of uneven knots that starts and ends with a jump of its rate.
+    /// A path of uneven knots whose rate jumps where it starts and where it ends.
     fn path(open: bool) -> ClampPath {
         let knot = |(i, t_s): (usize, f64)| Knot {
             t_s,
@@ -213,53 +273,84 @@ mod tests {
     }
 
     #[test]
-    fn what_trails_solves_its_differential_equation() {
+    fn what_lags_behind_solves_its_differential_equation() {
         for open in [false, true] {
             let path = path(open);
-            for (lag_s, t_s) in [(0.02, 0.3), (0.1, 0.7), (0.3, 0.52), (0.05, 1.1), (0.3, 0.9)] {
-                let behind = Recorded::<f64>::new(&path, None).trail(lag_s, t_s);
-                let (here, expected) = (pose(&path, t_s), stepped(&path, lag_s, t_s));
-                for k in 0..7 {
-                    let error = here[k] + behind[k] - expected[k];
-                    assert!(error.abs() < 1e-7, "{lag_s} s at {t_s} s: {error}");
+            for lag_s in [0.002, 0.02, 0.1, 0.3] {
+                for t_s in [0.05, 0.12, 0.2, 0.3, 0.52, 0.7, 0.9, 1.1] {
+                    let behind = Recorded::<f64>::new(&path, None).behind(lag_s, t_s);
+                    let (here, expected) = (pose(&path, t_s), stepped(&path, lag_s, t_s));
+                    for k in 0..7 {
+                        let error = here[k] + behind[k] - expected[k];
+                        assert!(error.abs() < 1e-6, "{lag_s} s at {t_s} s: {error}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// A drag of 0.18000000000000002 s has knots at 0.18 s and at its end.
+    #[test]
+    fn pieces_of_no_length_to_speak_of_change_nothing() {
+        let whole = path(false);
+        for (after, span_s) in [(2, 1e-6), (3, 1e-9), (3, 3e-17), (5, 1e-16)] {
+            let mut knots = whole.knots().to_vec();
+            let mut more = knots[after];
+            more.t_s += span_s;
+            if more.t_s == knots[after].t_s {
+                more.t_s = knots[after].t_s.next_up();
+            }
+            let there = whole.pose(more.t_s);
+            more.pose = there;
+            knots.insert(after + 1, more);
+            let divided = ClampPath::new(knots);
+            for lag_s in [0.005, 0.1, 0.3] {
+                let behind = |path| Recorded::<f32>::new(path, None).behind(lag_s, 0.95);
+                for (one, other) in behind(&whole).iter().zip(behind(&divided)) {
+                    assert!(
+                        (one - other).abs() < 1e-4,
+                        "{one}, {other}: {span_s} s after knot {after}"
+                    );
                 }
             }
         }
     }
 
     #[test]
-    fn without_a_lag_nothing_trails_and_it_begins_to_by_the_rate_then() {
+    fn without_a_lag_nothing_is_behind_and_it_begins_to_be_by_the_rate_then() {
         let path = path(false);
-        let slope = |t_s: f64| Recorded::new(&path, None).trail(Dual::<f64, 1>::input(0.0, 0), t_s);
+        let behind = |t_s: f64| Recorded::new(&path, None).behind(Dual::<f64, 1>::input(0.0, 0), t_s);
         for t_s in [0.0, 0.1, 0.15, 0.2, 0.8, 2.0] {
-            let rate = path.derivatives(path.knots().partition_point(|knot| knot.t_s < t_s), t_s)[0];
-            for (x, rate) in slope(t_s).iter().zip(rate) {
-                assert_eq!((x.value, x.tangent[0]), (0.0, -rate), "at {t_s} s");
+            let before = 1e-7;
+            let rate = |k: usize| (pose(&path, t_s)[k] - pose(&path, t_s - before)[k]) / before;
+            for (k, x) in behind(t_s).iter().enumerate() {
+                assert_eq!(x.value, 0.0);
+                assert!((x.tangent[0] + rate(k)).abs() < 1e-5, "at {t_s} s");
             }
         }
     }
 
     /// Slopes along the lag and along the path's knots, in both precisions.
     #[test]
-    fn slopes_of_what_trails_are_its_differences() {
+    fn slopes_of_what_lags_behind_are_its_differences() {
         let path = path(true);
-        let trail = |lag_s: f64, by: f64| {
+        let behind = |lag_s: f64, by: f64| {
             let shift = |i: usize| KnotShift {
                 pose: [by * (1.0 + i as f64); 7],
                 rate: [by * (2.0 - i as f64); 7],
             };
-            Recorded::new(&path, Some(&shift)).trail(lag_s, 0.7)
+            Recorded::new(&path, Some(&shift)).behind(lag_s, 0.7)
         };
         let step = 1e-5;
-        let along_lag = [0.1 + step, 0.1 - step].map(|lag_s| trail(lag_s, 0.0));
-        let along_shift = [step, -step].map(|by| trail(0.1, by));
+        let along_lag = [0.1 + step, 0.1 - step].map(|lag_s| behind(lag_s, 0.0));
+        let along_shift = [step, -step].map(|by| behind(0.1, by));
         let input = |value: f64, k: usize| Dual::<f32, 2>::input(value, k);
         let by = input(0.0, 1);
         let shift = |i: usize| KnotShift {
             pose: [by.scale(1.0 + i as f64); 7],
             rate: [by.scale(2.0 - i as f64); 7],
         };
-        let got = Recorded::new(&path, Some(&shift)).trail(input(0.1, 0), 0.7);
+        let got = Recorded::new(&path, Some(&shift)).behind(input(0.1, 0), 0.7);
         for k in 0..7 {
             let differences = [along_lag, along_shift].map(|[up, down]| (up[k] - down[k]) / (2.0 * step));
             for (slope, difference) in got[k].tangent.into_iter().zip(differences) {

@@ -176,7 +176,8 @@ fn draws(settings: &TrainSettings, round: usize, what: Draws) -> ChaCha8Rng {
 
 fn reach_table(forward: &ForwardModel, design: &Design) -> ReachTable {
     ReachTable::new(design.young_pa, design.poisson, |young_pa, poisson| {
-        forward.reachable_m(young_pa, poisson, &design.region)
+        let reachable = forward.reachable_m(young_pa, poisson, &design.region);
+        reachable.within(&design.goal_x_m)
     })
 }
 

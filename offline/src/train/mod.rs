@@ -36,7 +36,7 @@ pub use learner::Learner;
 pub use schedule::{Schedule, TrainSettings};
 
 use crate::collect::{Design, Swinger, Watch, collect, collect_design};
-use crate::run_files::RunFolder;
+use crate::run_files::{Fnv64, RunFolder, made_by};
 use crate::trained::Trained;
 use shared::policy::PolicyError;
 
@@ -76,8 +76,11 @@ pub enum TrainError {
 }
 
 /// Collects `design`, trains on it, and lets the policy's answers be rolled out and learnt from for the
-/// rounds of `settings`. Rollouts live in `run` and are reused; the result is saved there. `model` is
-/// the content hash of what swings.
+/// rounds of `settings`. Rollouts live in `run` and are reused; the result is saved there, and taken from there where the
+/// same was trained before. `model` is the content hash of what swings.
+///
+/// # Errors
+/// Stopped on request, too few rollouts had a score, or a file cannot be written.
 pub fn train(
     design: &Design,
     swinger: &dyn Swinger,
@@ -86,6 +89,10 @@ pub fn train(
     settings: &TrainSettings,
     watch: Watch,
 ) -> anyhow::Result<Trained> {
+    let key = Fnv64::of(format!("{} {model:x} {design:?} {settings:?}", made_by()).as_bytes());
+    if let Some(trained) = Trained::kept(run, key) {
+        return Ok(trained);
+    }
     let dataset = collect_design(design, swinger, run, model, watch)?;
     let mut learner = Learner::start(design, dataset, settings, watch)?;
     for round in 1..=settings.rounds {
@@ -95,7 +102,7 @@ pub fn train(
         learner.absorb(round, &practice, answers, watch)?;
     }
     let trained = learner.finish()?;
-    trained.save(run)?;
+    trained.save(run, key)?;
     Ok(trained)
 }
 

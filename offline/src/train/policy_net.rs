@@ -121,7 +121,7 @@ fn layer<const I: usize, const O: usize>(values: &LayerValues) -> Result<Layer<I
 struct Outside {
     low: Batch,
     high: Batch,
-    top: Batch,
+    centre: Batch,
     spread: Batch,
     radius: f32,
 }
@@ -130,11 +130,11 @@ impl Outside {
     fn new(normaliser: &Normaliser, region: &ReleaseRegion) -> Self {
         let scales = [normaliser.release_x, normaliser.release_z];
         let pair = |x: f64, z: f64| batch(&[[scales[0].normalise(x) as f32, scales[1].normalise(z) as f32]]);
-        // Distances from the clamp count in spreads of x along both axes, so that circles stay round.
+        // Distances from the centre count in spreads of x along both axes, so that circles stay round.
         Self {
             low: pair(region.x_m.low, region.z_m.low),
             high: pair(region.x_m.high, region.z_m.high),
-            top: pair(region.top_m[0], region.top_m[1]),
+            centre: pair(region.centre_m[0], region.centre_m[1]),
             spread: batch(&[[1.0, (scales[1].scale / scales[0].scale) as f32]]),
             radius: (region.radius_m / scales[0].scale) as f32,
         }
@@ -144,8 +144,8 @@ impl Outside {
     fn penalty(&self, answers: Batch) -> Scalar {
         let below = (self.low.clone() - answers.clone()).clamp_min(0.0);
         let above = (answers.clone() - self.high.clone()).clamp_min(0.0);
-        let from_top = (answers - self.top.clone()) * self.spread.clone();
-        let distance = from_top.powi_scalar(2).sum_dim(1).sqrt();
+        let from_centre = (answers - self.centre.clone()) * self.spread.clone();
+        let distance = from_centre.powi_scalar(2).sum_dim(1).sqrt();
         let beyond = distance.sub_scalar(self.radius).clamp_min(0.0);
         (below + above).powi_scalar(2).mean() + beyond.powi_scalar(2).mean()
     }

@@ -60,8 +60,26 @@ fn training_repeats_exactly_and_resumes_from_the_rollouts_on_disk() {
     let second = second.install(|| trained_in(two.path(), &settings));
     assert!(first == second, "two runs of one seed differ");
     let run = RunFolder::open(one.path()).unwrap();
-    assert!(Trained::load(&run).unwrap() == first, "the saved policy differs");
     let saved = std::fs::read(run.weights()).unwrap();
+    for plan in [0, 1].map(|round| run.rollouts(round)) {
+        std::fs::remove_dir_all(plan).unwrap();
+    }
+    assert!(
+        trained_in(one.path(), &settings) == first,
+        "the saved policy differs"
+    );
+    assert!(!run.rollouts(0).exists(), "trained before, collected again");
+    let other = TrainSettings { seed: 2, ..settings };
+    assert!(
+        trained_in(one.path(), &other) != first,
+        "other settings, the same policy"
+    );
+    let damaged = &saved[..saved.len() - 1];
+    std::fs::write(run.weights(), damaged).unwrap();
+    assert!(
+        trained_in(one.path(), &settings) == first,
+        "the policy of a damaged file differs"
+    );
     std::fs::remove_file(run.weights()).unwrap();
     for plan in std::fs::read_dir(run.rollouts(1)).unwrap() {
         std::fs::remove_file(plan.unwrap().path().join("shard_00000.bin")).unwrap();
