@@ -174,6 +174,8 @@ mod tests {
         let file = folder.path().join("profile.json");
         assert_eq!(kept_for(&file, 14.0, 1).len(), 1);
         assert_eq!(kept_for(&file, 14.1, 1), [], "another fit");
+        assert!(!file.exists(), "it would pass for the other fit's");
+        assert_eq!(kept_for(&file, 14.0, 1).len(), 1);
         assert_eq!(kept_for(&file, 14.0, 2), [], "other settings");
     }
 }
