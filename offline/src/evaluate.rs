@@ -3,6 +3,7 @@
 use crate::collect::{Progress, Stopped, SwingRefusal, Swinger, Watch, count_refusals, stream};
 use crate::paper_units::METRES_PER_UNIT;
 use crate::reach::{Practice, ReachTable};
+use rand::RngExt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use shared::policy::Policy;
@@ -61,14 +62,15 @@ pub fn unseen(reach: &ReachTable, ropes: usize, goals: usize, seed: u64) -> Vec<
     let mut practice = Vec::with_capacity(ropes * goals);
     for rope in 0..ropes {
         let mut rng = stream(seed, FIRST_STREAM + rope as u64);
-        let first = reach.draw(&mut rng);
-        let range = reach.reachable_m(first.young_pa, first.poisson);
+        let (young_pa, poisson) = reach.draw_rope(&mut rng);
+        let range = reach.reachable_m(young_pa, poisson);
+        // One goal in each of equal parts of the range, at the same random place in all parts.
+        let place = rng.random::<f64>();
         for k in 0..goals {
-            // One goal in each of equal parts of the range, at the same random place in all parts.
-            let place = (first.goal_x_m - range.low) / (range.high - range.low).max(f64::MIN_POSITIVE);
             practice.push(Practice {
                 goal_x_m: range.at((k as f64 + place) / goals as f64),
-                ..first
+                young_pa,
+                poisson,
             });
         }
     }

@@ -173,7 +173,10 @@ impl BlobReport {
         writeln!(f, "  goals    {}", metres(&task.goal_x_m))?;
         let radius = self.region.radius_m;
         let (x, z) = (metres(&self.region.x_m), metres(&self.region.z_m));
-        writeln!(f, "  release  x {x}, z {z}, at most {radius:.3} m from the clamp")?;
+        writeln!(
+            f,
+            "  release  x {x}, z {z}, at most {radius:.3} m of rope to span"
+        )?;
         let origin = frame.origin_m;
         let yaw = frame.yaw_rad;
         writeln!(

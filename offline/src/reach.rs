@@ -45,14 +45,21 @@ impl ReachTable {
 
     /// A random rope (E log-uniform, ν uniform) with a goal drawn uniformly from what it reaches.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Practice {
-        let logs = log_range(&self.young_pa);
-        let young_pa = self.young_pa.clamp(logs.at(rng.random::<f64>()).exp());
-        let poisson = self.poisson.at(rng.random::<f64>());
+        let (young_pa, poisson) = self.draw_rope(rng);
         Practice {
             goal_x_m: self.reachable_m(young_pa, poisson).at(rng.random::<f64>()),
             young_pa,
             poisson,
         }
+    }
+
+    /// A random rope: Young's modulus, Pa, log-uniform, and Poisson's ratio, uniform.
+    pub fn draw_rope(&self, rng: &mut ChaCha8Rng) -> (f64, f64) {
+        let logs = log_range(&self.young_pa);
+        (
+            self.young_pa.clamp(logs.at(rng.random::<f64>()).exp()),
+            self.poisson.at(rng.random::<f64>()),
+        )
     }
 
     /// Reachable goals of one rope, m; a rope outside the ranges gets those of the nearest inside.

@@ -181,19 +181,26 @@ fn refusal(error: &SimError) -> SwingRefusal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::collect::Design;
+
+    /// The paper's rope with an effect, or without any.
+    fn with(effect: Option<&str>, values: &[f64]) -> SimulatedSwing {
+        let ids: Vec<String> = effect.into_iter().map(String::from).collect();
+        SimulatedSwing {
+            rope: RopeShape::of_density(0.25, 0.014, 1000.0),
+            task: SwingTask::PAPER,
+            structure: Structure::of_ids(&ids),
+            effect_values: values.to_vec(),
+            resolution: Resolution { cells: 1.5 },
+        }
+    }
 
     /// A quick approach bends a rope further than the robot's: what flows then, or has not relaxed by the release, would be
     /// another rope's.
     #[test]
     fn a_rope_that_remembers_its_way_is_swung_with_the_robots_own_approach() {
         let approach_s = |effect: &str, values: &[f64]| {
-            let swing = SimulatedSwing {
-                rope: RopeShape::of_density(0.25, 0.014, 1000.0),
-                task: SwingTask::PAPER,
-                structure: Structure::of_ids(&[effect.to_owned()]),
-                effect_values: values.to_vec(),
-                resolution: Resolution { cells: 1.5 },
-            };
+            let swing = with(Some(effect), values);
             let physics = swing.physics(0.9e6, 0.3, LEAN_RAD);
             let scene = swing.scene(&physics, [0.12, 0.2]).unwrap();
             let knots = scene.grips[1].path.knots();
@@ -205,5 +212,27 @@ mod tests {
             let took_s = approach_s(effect, &values);
             assert!(took_s > 1.0, "{effect}: {took_s} s");
         }
+    }
+
+    /// The region of releases had its circle about the rope's top end, 40 mm too high: low releases that a rope reaches were
+    /// none of it, and at the upper left it was stretched.
+    #[test]
+    fn the_simulator_refuses_what_the_task_says_is_out_of_a_ropes_reach() {
+        let swing = with(None, &[]);
+        let physics = swing.physics(0.9e6, 0.3, LEAN_RAD);
+        let far_m = [0.05, 0.05];
+        match swing.reach_m(0.9e6, 0.3, far_m) {
+            Err(SwingRefusal::Unreachable { distance_m, length_m }) => {
+                assert!(
+                    (distance_m - swing.task.span_m(far_m)).abs() < 1e-9,
+                    "{distance_m} m"
+                );
+                assert!((length_m - swing.free_length_m()).abs() < 1e-9, "{length_m} m");
+            }
+            other => panic!("{other:?}"),
+        }
+        let region = Design::region(&swing.task, swing.free_length_m());
+        assert!(region.contains([0.15, 0.06]) && swing.scene(&physics, [0.15, 0.06]).is_ok());
+        assert!(!region.contains([0.05, 0.30]), "stretched by a thousandth");
     }
 }

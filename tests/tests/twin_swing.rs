@@ -19,11 +19,18 @@ const CALM: MotionLimits = MotionLimits {
     jerk_m_s3: 0.2,
 };
 
+/// Reach of a slack rope after the robot's own drag.
 fn reach(young_pa: f64, effects: &WorldEffects) -> f64 {
     let mut rope = material();
     rope.segments = 25;
     rope.young_pa = young_pa;
-    let spec = swing("swing", rope, &SwingTask::PAPER, [0.15, 0.15], &CALM);
+    let spec = swing(
+        "swing",
+        rope,
+        &SwingTask::PAPER,
+        [0.15, 0.13],
+        &MotionLimits::PAPER,
+    );
     reach_m(&spec, &simulate(&spec, effects))
 }
 
@@ -36,7 +43,8 @@ const LEAN_RAD: f64 = 1e-3;
 /// the rod knows no thickness at its clamps.
 ///
 /// One of the nine is known to miss it: 3 MPa from between, 0.415 m in the rod and 0.421 m here (0.422, 0.419 and 0.424 on
-/// 1.79, 2.5 and 3.5 cells), near where the rope begins to fall out of the plane. Why is not known.
+/// 1.79, 2.5 and 3.5 cells), near where the rope begins to fall out of the plane. Why is not known; it is held to twice the
+/// tolerance.
 #[test]
 fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
     const TOLERANCE_M: f64 = 5e-3;
@@ -63,7 +71,8 @@ fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
             let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
             println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
             let known = (young_pa, release_m) == KNOWN;
-            if (program_m - rod_m).abs() > TOLERANCE_M && !known {
+            let tolerance_m = if known { 2.0 * TOLERANCE_M } else { TOLERANCE_M };
+            if (program_m - rod_m).abs() > tolerance_m {
                 off.push((young_pa, release_m, rod_m, program_m));
             }
         }
@@ -85,7 +94,7 @@ fn damping_shortens_the_reach_of_a_stiff_rope_more_than_that_of_a_soft_one() {
         free - reach(young_pa, &damped)
     };
     let (soft, stiff) = (loss(0.2e6), loss(4.3e6));
-    assert!(soft > 1e-3 && stiff > soft, "{soft} and {stiff}");
+    assert!(soft > 1e-3 && stiff > 3.0 * soft, "{soft} and {stiff}");
 }
 
 #[test]

@@ -313,7 +313,10 @@ fn catch_interrupt() -> anyhow::Result<()> {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        note("stopping after the rollouts that are running, those of an unfinished shard are made again; press Ctrl-C again to leave at once");
+        note(
+            "stopping after the rollouts that are running, those of an unfinished shard are made again; press Ctrl-C again \
+             to leave at once",
+        );
     })
     .context("cannot catch Ctrl-C")
 }

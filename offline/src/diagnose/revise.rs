@@ -138,7 +138,7 @@ pub(super) mod tests {
     use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 
     /// A model that leaves `rms_mm` everywhere.
-    fn standing(ids: &[&str], rms_mm: f64) -> Standing {
+    pub fn standing(ids: &[&str], rms_mm: f64) -> Standing {
         let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
         let fitted = fitted(&structure, 1e-3 * rms_mm);
         let held = ResidualSummary::of(&fitted.best);

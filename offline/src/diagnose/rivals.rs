@@ -93,14 +93,12 @@ fn is_physical(tried: &Tried) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::tests::fitted;
     use super::super::refits::REFIT_EVALUATIONS;
-    use super::super::revise::tests::{YOUNG_PA, options, recorded};
+    use super::super::revise::tests::{YOUNG_PA, options, recorded, standing};
     use super::super::score::Score;
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::fit::Descent;
-    use crate::residual::ResidualSummary;
 
     /// Effects of the rivals that are left once a tilt of so many units, with which a wind tied, is joined by a lag.
     fn left(tilt: f64) -> Vec<Vec<String>> {
@@ -150,21 +148,14 @@ mod tests {
     /// Ways may come to one model by different turns, to more of it, to what is known to fit as well, or to less.
     #[test]
     fn what_another_way_came_to_is_a_rival_where_it_is_another_model_that_fits_as_well() {
-        let model = |ids: &[&str], rms_mm: f64| {
-            let ids: Vec<String> = ids.iter().map(ToString::to_string).collect();
-            let structure = Structure::of_ids(&ids);
-            let fitted = fitted(&structure, 1e-3 * rms_mm);
-            let held = ResidualSummary::of(&fitted.best);
-            Standing::judged(structure, fitted, held)
-        };
-        let tilt = model(&["tilted_gravity", "gripper_lag"], 2.0);
-        let other = |ids: &[&str], rms_mm: f64| by_another_way(&tilt, &model(ids, rms_mm)).is_some();
+        let tilt = standing(&["tilted_gravity", "gripper_lag"], 2.0);
+        let other = |ids: &[&str], rms_mm: f64| by_another_way(&tilt, &standing(ids, rms_mm)).is_some();
         assert!(other(&["steady_wind", "gripper_lag"], 2.01));
         assert!(!other(&["steady_wind", "gripper_lag"], 4.0));
         assert!(!other(&["gripper_lag", "tilted_gravity"], 2.0));
         assert!(!other(&["gripper_lag"], 2.0));
         assert!(!other(&["gripper_lag", "tilted_gravity", "tip_mass"], 2.0));
-        let wind = model(&["steady_wind", "gripper_lag"], 2.01);
+        let wind = standing(&["steady_wind", "gripper_lag"], 2.01);
         let known = Standing {
             rivals: vec![KeptModel::of(&wind)],
             ..tilt

@@ -44,33 +44,29 @@ pub(super) fn all_rounds(
     keep: &dyn Fn(&SoFar),
     progress: &dyn Fn(&str),
 ) -> Result<Ended, FitError> {
-    let mut ended = one_way(bench, at, options, keep, progress)?;
+    let ended = one_way(bench, at, options, keep, progress)?;
     let other = other_beginning(bench, &ended, before, options, progress);
     // What a run that is killed goes on from is the first way: it comes here again.
     let again = other.and_then(|at| {
         at.map(|at| one_way(bench, at, options, &|_| (), progress))
             .transpose()
     });
-    match again {
-        Ok(Some(mut again)) if likelier(&again.model, &ended.model) => {
-            again
-                .model
-                .rivals
-                .extend(by_another_way(&again.model, &ended.model));
-            return Ok(again);
-        }
+    let (mut best, other) = match again {
+        Ok(Some(again)) if likelier(&again.model, &ended.model) => (again, ended),
         Ok(Some(again)) => {
             progress("that does no better");
-            ended
-                .model
-                .rivals
-                .extend(by_another_way(&ended.model, &again.model));
+            (ended, again)
         }
-        Ok(None) => {}
+        Ok(None) => return Ok(ended),
         // What the first way found stands.
-        Err(error) => progress(&format!("not to its end: {error}")),
-    }
-    Ok(ended)
+        Err(error) => {
+            progress(&format!("not to its end: {error}"));
+            return Ok(ended);
+        }
+    };
+    let rival = by_another_way(&best.model, &other.model);
+    best.model.rivals.extend(rival);
+    Ok(best)
 }
 
 /// Where the other way begins, if the first leaves something and did not come by what passed second.

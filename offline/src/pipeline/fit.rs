@@ -128,3 +128,32 @@ pub fn fit(
     model.save(&run.model())?;
     Ok(base)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_follows_from_other_data_goes_and_the_policy_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::open(folder.path()).unwrap();
+        let gone = [
+            run.diagnosis(),
+            run.profile(),
+            run.base_profile(),
+            run.tables(),
+            run.report(),
+            run.evaluation(),
+        ];
+        let stay = [run.blob(), run.weights()];
+        for path in gone.iter().chain(&stay) {
+            write_whole(path, b"of other data").unwrap();
+        }
+        forget_others(&run, &|_| ()).unwrap();
+        assert!(
+            gone.iter().all(|path| !path.exists()),
+            "it would pass for the new data's"
+        );
+        assert!(stay.iter().all(|path| path.exists()));
+    }
+}

@@ -6,7 +6,6 @@ use crate::diagnose::{LoopOptions, problems};
 use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
-use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -65,10 +64,6 @@ pub fn profile(
         of.structure.at_an_end(&wanted.theta)
     };
     if entries.is_empty() {
-        // One of another fit would pass for this one's.
-        if file.exists() {
-            std::fs::remove_file(file).with_context(|| format!("cannot remove {}", file.display()))?;
-        }
         return Ok(Vec::new());
     }
     progress(if asked {
@@ -174,8 +169,6 @@ mod tests {
         let file = folder.path().join("profile.json");
         assert_eq!(kept_for(&file, 14.0, 1).len(), 1);
         assert_eq!(kept_for(&file, 14.1, 1), [], "another fit");
-        assert!(!file.exists(), "it would pass for the other fit's");
-        assert_eq!(kept_for(&file, 14.0, 1).len(), 1);
         assert_eq!(kept_for(&file, 14.0, 2), [], "other settings");
     }
 }

@@ -78,6 +78,16 @@ pub struct Knot {
     pub closed: bool,
 }
 
+impl Knot {
+    /// Itself, as a change of a knot at the origin that stands still.
+    pub(super) fn as_shift(&self) -> KnotShift<f64> {
+        KnotShift {
+            pose: self.pose,
+            rate: self.rate,
+        }
+    }
+}
+
 /// A sampled pose: time in s, pose, whether the clamp holds from here on.
 pub type Sample = (f64, Pose<f64>, bool);
 
@@ -155,10 +165,7 @@ impl ClampPath {
 
     /// Motion of the clamp since its first pose, as recorded.
     pub fn motion(&self, t_s: f64) -> RigidMotion<f64> {
-        let first = self.knots[0].pose;
-        let held_m = [first[0], first[1], first[2]];
-        let recorded = Recorded::new(self, None);
-        RigidMotion::at(&recorded, &first, held_m, &Grasp::AS_RECORDED, t_s)
+        RigidMotion::at(&Recorded::new(self, None), &Grasp::AS_RECORDED, t_s)
     }
 
     /// Whether the clamp holds at time `t_s`.
@@ -372,10 +379,10 @@ pub struct RigidMotion<T> {
 }
 
 impl<T: Real> RigidMotion<T> {
-    /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the grasp. `first` is its
-    /// first pose; offsets of [`Self::place`] are measured from the position `held_m` which that
-    /// pose has without tangents and shifts. Quaternions are normalised here.
-    pub fn at(recorded: &Recorded<T>, first: &Pose<T>, held_m: [f64; 3], grasp: &Grasp<T>, t_s: f64) -> Self {
+    /// Motion at time `t_s` of a clamp that follows `recorded`, changed by the grasp. Offsets of [`Self::place`] are
+    /// measured from the position which its first pose has without tangents and shifts. Quaternions are normalised here.
+    pub fn at(recorded: &Recorded<T>, grasp: &Grasp<T>, t_s: f64) -> Self {
+        let (held, first) = recorded.first();
         let now = real_pose(recorded, grasp.laws, t_s);
         let unit = |pose: &Pose<T>| {
             let q = [pose[3], pose[4], pose[5], pose[6]];
@@ -383,12 +390,12 @@ impl<T: Real> RigidMotion<T> {
             let inverse = T::one() / square.sqrt();
             q.map(|c| c * inverse)
         };
-        let [start, end] = [first, &now].map(|pose| rotation_of_quaternion(unit(pose)));
+        let [start, end] = [&first, &now].map(|pose| rotation_of_quaternion(unit(pose)));
         let mut rotation = matmul_transposed(&end, &start);
         if let Some(turn) = &grasp.turn {
             rotation = matmul(&rotation, turn);
         }
-        let moved = std::array::from_fn(|k| first[k] - T::of(held_m[k]));
+        let moved = std::array::from_fn(|k| first[k] - T::of(held[k]));
         Self {
             position_m: sub([now[0], now[1], now[2]], matvec(&rotation, moved)),
             rotation,

@@ -1,7 +1,7 @@
 //! The recorded path of a grip, with its shift, as the laws see it that disturb it: where it is, and how far behind something
 //! is that follows it with a lag.
 
-use super::clamp::{ClampPath, KnotShift, Span};
+use super::clamp::{ClampPath, Hermite, KnotShift, Span};
 use super::dual::Dual;
 use super::physics::Pose;
 use super::real::{Arithmetic, Real};
@@ -28,6 +28,19 @@ impl<'a, T: Real> Recorded<'a, T> {
     /// The path as it is where nothing shifts it.
     pub fn new(path: &'a ClampPath, shift: Shift<'a, T>) -> Self {
         Self { path, shift }
+    }
+
+    /// The first pose, without its change and with it.
+    pub fn first(&self) -> (Pose<f64>, Pose<T>) {
+        let first = self.path.knots()[0].pose;
+        let changed = match self.shift {
+            Some(shift) => {
+                let by = shift(0);
+                std::array::from_fn(|k| T::of(first[k]) + by.pose[k])
+            }
+            None => first.map(T::of),
+        };
+        (first, changed)
     }
 
     /// Pose at time `t_s`.
@@ -66,9 +79,10 @@ impl<'a, T: Real> Recorded<'a, T> {
         let mut behind = [T::zero(); 7];
         for (weights, part) in self.past(lag_s, t_s) {
             let w = weights.map(|w| linear(w, lag_s));
+            let own = part.of(&|i| self.path.knots()[i].as_shift());
             for (k, behind) in behind.iter_mut().enumerate() {
                 *behind -=
-                    w[0].scale(part.step[k]) + w[1].scale(part.rates[0][k]) + w[2].scale(part.rates[1][k]);
+                    w[0].scale(own.step[k]) + w[1].scale(own.rates[0][k]) + w[2].scale(own.rates[1][k]);
             }
             let Some(shift) = self.shift else { continue };
             let by = part.of(shift);
@@ -107,22 +121,20 @@ fn linear<T: Real>(of_lag: OfLag, lag_s: T) -> T {
     T::of(of_lag.value) + (lag_s - T::of(lag_s.value())).scale(of_lag.tangent[0])
 }
 
-/// A piece of a path, up to its end or to now: cubic with these steps and rates.
+/// A piece of a path, up to its end or to now.
 struct Part<'a> {
     path: &'a ClampPath,
     /// Index of the knot at which the piece ends.
     piece: usize,
     end_s: f64,
     span_s: f64,
-    /// How far it leads.
-    step: Pose<f64>,
-    /// Rates at its start and its end, 1/s.
-    rates: [Pose<f64>; 2],
 }
 
-/// The same of how its knots are changed.
-struct Changed<T> {
+/// How a part runs: a cubic.
+struct Cubic<T> {
+    /// How far it leads.
     step: Pose<T>,
+    /// Rates at its start and its end, 1/s.
     rates: [Pose<T>; 2],
 }
 
@@ -133,65 +145,37 @@ impl<'a> Part<'a> {
         let start = &knots[piece - 1];
         let end_s = knots.get(piece).map_or(t_s, |knot| knot.t_s.min(t_s));
         let span_s = end_s - start.t_s;
-        if span_s <= 0.0 || piece == knots.len() && start.closed {
-            return None;
-        }
-        let mut part = Self {
+        let stands = piece == knots.len() && start.closed;
+        (span_s > 0.0 && !stands).then_some(Self {
             path,
             piece,
             end_s,
             span_s,
-            step: [0.0; 7],
-            rates: [[0.0; 7]; 2],
-        };
-        let Changed { step, rates } = part.of(&|i| KnotShift {
-            pose: knots[i].pose,
-            rate: knots[i].rate,
-        });
-        (part.step, part.rates) = (step, rates);
-        Some(part)
+        })
     }
 
     /// The part between knots at the same times that are as `knot` says.
-    fn of<T: Real>(&self, knot: &dyn Fn(usize) -> KnotShift<T>) -> Changed<T> {
+    fn of<T: Real>(&self, knot: &dyn Fn(usize) -> KnotShift<T>) -> Cubic<T> {
         let start = knot(self.piece - 1);
         let Some(next) = self.path.knots().get(self.piece) else {
-            return Changed {
+            return Cubic {
                 step: start.rate.map(|rate| rate.scale(self.span_s)),
                 rates: [start.rate; 2],
             };
         };
         let end = knot(self.piece);
-        let whole_s = next.t_s - self.path.knots()[self.piece - 1].t_s;
-        let u = self.span_s / whole_s;
-        if u >= 1.0 {
-            return Changed {
-                step: std::array::from_fn(|k| end.pose[k] - start.pose[k]),
-                rates: [start.rate, end.rate],
-            };
-        }
-        let weigh = |along: f64, start_rate: f64, end_rate: f64| -> Pose<T> {
+        let h = next.t_s - self.path.knots()[self.piece - 1].t_s;
+        let w = Hermite::at(Dual::<f64, 1>::input(self.span_s / h, 0), h);
+        let weighed = |of: &dyn Fn(Dual<f64, 1>) -> f64| -> Pose<T> {
             std::array::from_fn(|k| {
-                (end.pose[k] - start.pose[k]).scale(along)
-                    + start.rate[k].scale(start_rate)
-                    + end.rate[k].scale(end_rate)
+                (end.pose[k] - start.pose[k]).scale(of(w.along))
+                    + start.rate[k].scale(of(w.start_rate))
+                    + end.rate[k].scale(of(w.end_rate))
             })
         };
-        // Cubic Hermite interpolation and its derivative.
-        let (u2, h) = (u * u, whole_s);
-        let step = weigh(
-            u2 * (3.0 - 2.0 * u),
-            u * (1.0 - u) * (1.0 - u) * h,
-            u2 * (u - 1.0) * h,
-        );
-        let rate = weigh(
-            6.0 * u * (1.0 - u) / h,
-            (3.0 * u - 4.0) * u + 1.0,
-            (3.0 * u - 2.0) * u,
-        );
-        Changed {
-            step,
-            rates: [start.rate, rate],
+        Cubic {
+            step: weighed(&|w| w.value),
+            rates: [start.rate, weighed(&|w| w.tangent[0] / h)],
         }
     }
 }
@@ -249,20 +233,16 @@ mod tests {
         ClampPath::new(times.into_iter().enumerate().map(knot).collect())
     }
 
-    fn pose(path: &ClampPath, t_s: f64) -> Pose<f64> {
-        path.pose(t_s)
-    }
-
     /// y at time `t_s` by fine steps of the exact solution for a straight piece of path.
     fn stepped(path: &ClampPath, lag_s: f64, t_s: f64) -> Pose<f64> {
         let steps = 100_000;
         let from = path.knots()[0].t_s;
         let dt = (t_s - from) / f64::from(steps);
         let left = (-dt / lag_s).exp();
-        let mut y = pose(path, from);
+        let mut y = path.pose(from);
         let mut before = y;
         for step in 1..=steps {
-            let now = pose(path, from + f64::from(step) * dt);
+            let now = path.pose(from + f64::from(step) * dt);
             for k in 0..7 {
                 let trails = (now[k] - before[k]) / dt * lag_s;
                 y[k] = now[k] - trails + left * (y[k] - before[k] + trails);
@@ -279,7 +259,7 @@ mod tests {
             for lag_s in [0.002, 0.02, 0.1, 0.3] {
                 for t_s in [0.05, 0.12, 0.2, 0.3, 0.52, 0.7, 0.9, 1.1] {
                     let behind = Recorded::<f64>::new(&path, None).behind(lag_s, t_s);
-                    let (here, expected) = (pose(&path, t_s), stepped(&path, lag_s, t_s));
+                    let (here, expected) = (path.pose(t_s), stepped(&path, lag_s, t_s));
                     for k in 0..7 {
                         let error = here[k] + behind[k] - expected[k];
                         assert!(error.abs() < 1e-6, "{lag_s} s at {t_s} s: {error}");
@@ -300,8 +280,7 @@ mod tests {
             if more.t_s == knots[after].t_s {
                 more.t_s = knots[after].t_s.next_up();
             }
-            let there = whole.pose(more.t_s);
-            more.pose = there;
+            more.pose = whole.pose(more.t_s);
             knots.insert(after + 1, more);
             let divided = ClampPath::new(knots);
             for lag_s in [0.005, 0.1, 0.3] {
@@ -322,7 +301,7 @@ mod tests {
         let behind = |t_s: f64| Recorded::new(&path, None).behind(Dual::<f64, 1>::input(0.0, 0), t_s);
         for t_s in [0.0, 0.1, 0.15, 0.2, 0.8, 2.0] {
             let before = 1e-7;
-            let rate = |k: usize| (pose(&path, t_s)[k] - pose(&path, t_s - before)[k]) / before;
+            let rate = |k: usize| (path.pose(t_s)[k] - path.pose(t_s - before)[k]) / before;
             for (k, x) in behind(t_s).iter().enumerate() {
                 assert_eq!(x.value, 0.0);
                 assert!((x.tangent[0] + rate(k)).abs() < 1e-5, "at {t_s} s");

@@ -1,6 +1,6 @@
 //! A whole simulation: from a scene and a physics to the centreline at the recorded times.
 
-use super::clamp::{Grasp, KnotShift, RigidMotion};
+use super::clamp::{Grasp, RigidMotion};
 use super::engine::{Engine, OneByOne};
 use super::error::{Cause, SimError};
 use super::hanging::{Hung, hang_still, initial_particles};
@@ -9,7 +9,7 @@ use super::lanes::{Avx2, Avx512};
 use super::lanes::{Laned, Portable};
 use super::legs::{Placed, placed};
 use super::material::Material;
-use super::physics::{Physics, Pose};
+use super::physics::Physics;
 use super::real::Real;
 use super::recorded::Recorded;
 use super::rope::RopeLayout;
@@ -325,22 +325,17 @@ pub fn grip_motions<T: Real>(
     dt_s: f64,
 ) -> Vec<Option<RigidMotion<T>>> {
     let motion = |(index, grip): (usize, &Grip)| {
-        let (path, first) = (&grip.path, grip.path.knots()[0].pose);
+        let path = &grip.path;
         let opens_late = path.closed(t_s - physics.release_delay_s.value());
         if !(path.closed(t_s) || opens_late) {
             return None;
         }
-        let shift = physics.path_shifts.iter().find(|shift| shift.grip == index);
-        let by = shift.map(|shift| |knot: usize| shift.knots[knot]);
-        let by = by.as_ref().map(|by| by as &dyn Fn(usize) -> KnotShift<T>);
-        let recorded = Recorded::new(path, by);
-        let start: Pose<T> = match shift {
-            Some(shift) => std::array::from_fn(|k| T::of(first[k]) + shift.knots[0].pose[k]),
-            None => first.map(T::of),
-        };
-        let held_m = [first[0], first[1], first[2]];
         let grasp = grasp(scene, physics, index);
-        Some(RigidMotion::at(&recorded, &start, held_m, &grasp, t_s + dt_s))
+        let of = |recorded: Recorded<T>| Some(RigidMotion::at(&recorded, &grasp, t_s + dt_s));
+        match physics.path_shifts.iter().find(|shift| shift.grip == index) {
+            Some(shift) => of(Recorded::new(path, Some(&|knot| shift.knots[knot]))),
+            None => of(Recorded::new(path, None)),
+        }
     };
     scene.grips.iter().enumerate().map(motion).collect()
 }

@@ -7,7 +7,7 @@ use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
 use crate::reach::Practice;
 use rand::RngExt;
 use shared::policy::Policy;
-use shared::task::Interval;
+use shared::task::{Interval, SwingTask};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -46,6 +46,11 @@ fn the_correction_makes_the_regression_several_times_better() {
         "{regression} mm became {policy} mm"
     );
     assert_eq!(trained.dataset.rollouts, 340);
+    let allowed = SwingTask::PAPER.goal_x_m;
+    assert!(
+        goals.iter().all(|goal| allowed.contains(goal.goal_x_m)),
+        "{goals:?}"
+    );
     assert_eq!(trained.record.forward.len(), 2);
     assert!(trained.record.export_difference < 1e-5, "{:?}", trained.record);
 }

@@ -151,15 +151,10 @@ impl PathGradients {
                 rate: plus(shift.knots[index].rate, &input.rate),
             })
         };
-        let first = path.knots()[0].pose;
-        let start = plus(first.map(Var::of), &knot(0).pose);
-        let t_s = setup.time_s(number) + setup.context.dt_s;
         let motion = RigidMotion::at(
             &Recorded::new(path, Some(&knot)),
-            &start,
-            [first[0], first[1], first[2]],
             &grasp(setup.scene, setup.context.physics, index),
-            t_s,
+            setup.time_s(number) + setup.context.dt_s,
         );
         bar.seed(session, &motion);
         session.sweep(mark);
