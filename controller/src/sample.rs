@@ -59,6 +59,7 @@ fn rope() -> RopeEntry {
         length_m: LENGTH_M,
         diameter_m: 0.014,
         mass_kg: 0.0385,
+        end_mass_kg: 0.0,
         reach_m: Interval {
             low: 0.275,
             high: 0.40,

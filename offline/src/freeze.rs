@@ -154,6 +154,7 @@ pub(crate) mod tests {
             length_m: 0.25,
             diameter_m: 0.014,
             mass_kg: 0.0385,
+            end_mass_kg: 0.004,
             reach_m: Interval {
                 low: 0.28,
                 high: 0.42,

@@ -77,10 +77,14 @@ pub fn inspect(path: &Path) -> anyhow::Result<BlobReport> {
     Ok(BlobReport::new(&blob, &bytes))
 }
 
-/// What is wrong with the blob of a run, where it was frozen from another model than the run now holds.
+/// What is wrong with the blob of a run, where there is one that cannot be used, or that was frozen from another model than
+/// the run now holds.
 pub fn stale(run: &RunFolder) -> Option<String> {
     let model = Fnv64::of(&read_whole(&run.model()).ok()?);
-    let blob = Box::new(parse(&read_whole(&run.blob()).ok()?).ok()?);
+    let blob = match parse(&read_whole(&run.blob()).ok()?) {
+        Ok(blob) => Box::new(blob),
+        Err(error) => return Some(format!("{}: {error}", run.blob().display())),
+    };
     (blob.provenance.model != model).then(|| {
         format!(
             "{} was frozen from another model than {} holds now: freeze again before a robot swings by it",
@@ -196,12 +200,16 @@ impl fmt::Display for RopeReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let rope = &self.rope;
         let (length, diameter) = (1e3 * rope.length_m, 1e3 * rope.diameter_m);
-        writeln!(
+        write!(
             f,
             "rope `{}`: {length:.0} mm, Ø {diameter:.1} mm, {:.1} g",
             rope.name,
             1e3 * rope.mass_kg
         )?;
+        if rope.end_mass_kg > 0.0 {
+            write!(f, " and {:.1} g at its end", 1e3 * rope.end_mass_kg)?;
+        }
+        writeln!(f)?;
         let young = with_error(1e-6 * rope.young_pa, 1e-6 * rope.young_se_pa);
         writeln!(f, "  E        {young} MPa")?;
         if rope.poisson_identified {
@@ -272,6 +280,9 @@ mod tests {
         std::fs::write(run.model(), b"name = \"blue\"").unwrap();
         let warning = stale(&run).unwrap();
         assert!(warning.contains("freeze again"), "{warning}");
+        std::fs::write(run.blob(), b"GENORM\r\n of an older program").unwrap();
+        let warning = stale(&run).unwrap();
+        assert!(warning.contains("freeze it again"), "{warning}");
     }
 
     #[test]

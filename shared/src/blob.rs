@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 /// First bytes of every blob.
 pub const MAGIC: [u8; 8] = *b"GENORM\r\n";
 /// Version of the format that this program reads and writes.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 /// Bytes before the payload.
 pub const HEADER_BYTES: usize = 20;
 /// No blob is longer than this: a buffer of this size always suffices.
@@ -72,6 +72,8 @@ pub struct RopeEntry {
     pub diameter_m: f64,
     /// Mass, kg.
     pub mass_kg: f64,
+    /// Mass that is known to hang at its end, kg; an effect that was found there comes on top.
+    pub end_mass_kg: f64,
     /// Goals that this rope was seen to reach in rollouts, m; others are refused.
     pub reach_m: Interval,
     /// What the model holds beyond the rope itself.
@@ -245,17 +247,18 @@ impl Blob {
         )?;
         require(self.frame.yaw_rad.abs() <= YAW_MAX_RAD, "task frame yaw")?;
         let motion = &self.motion;
+        // Below these a motion of the task would take an hour.
         require(
-            motion.speed_m_s > 0.0 && motion.speed_m_s <= 1.0,
-            "speed limit (0 to 1 m/s)",
+            (0.001..=1.0).contains(&motion.speed_m_s),
+            "speed limit (0.001 to 1 m/s)",
         )?;
         require(
-            motion.acceleration_m_s2 > 0.0 && motion.acceleration_m_s2 <= 50.0,
-            "acceleration limit (0 to 50 m/s²)",
+            (0.001..=50.0).contains(&motion.acceleration_m_s2),
+            "acceleration limit (0.001 to 50 m/s²)",
         )?;
         require(
-            motion.jerk_m_s3 > 0.0 && motion.jerk_m_s3 <= 1000.0,
-            "jerk limit (0 to 1000 m/s³)",
+            (0.001..=1000.0).contains(&motion.jerk_m_s3),
+            "jerk limit (0.001 to 1000 m/s³)",
         )
     }
 }
@@ -273,6 +276,10 @@ impl RopeEntry {
             "rope diameter",
         )?;
         require((1e-6..=100.0).contains(&self.mass_kg), "rope mass")?;
+        require(
+            (0.0..=100.0).contains(&self.end_mass_kg),
+            "mass at the rope's end",
+        )?;
         require(ordered(&self.reach_m, -10.0, 10.0), "rope's reachable goals")?;
         for effect in &self.effects {
             require(

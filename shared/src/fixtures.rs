@@ -75,6 +75,7 @@ pub(crate) fn rope(name: &str) -> RopeEntry {
         length_m: 0.25,
         diameter_m: 0.014,
         mass_kg: 0.0385,
+        end_mass_kg: 0.004,
         reach_m: Interval {
             low: 0.27,
             high: 0.36,

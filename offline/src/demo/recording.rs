@@ -7,7 +7,7 @@ use super::{ClampSample, Demo, DemoError, DemoSpec, MarkerSample, Observations};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use shared::arm::{self, FlangePose, Joints};
 use shared::blob::{self, Blob, RopeEntry, TaskFrame};
-use shared::messages::Phase;
+use shared::messages::{Phase, Reason};
 use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
 use std::path::Path;
 
@@ -17,8 +17,8 @@ const GRIP_NOISE_M: f64 = 0.001;
 /// The gripped end is seen at about this rate where no cameras are given, Hz.
 const GRIP_RATE_HZ: f64 = 25.0;
 
-/// One demonstration for each goal of the recording `file` that reached its release: time zero is the
-/// start of the drag, the end is that of the retreat.
+/// One demonstration for each goal of the recording `file` that was accepted and reached its release: time
+/// zero is the start of the drag, the end is that of the retreat.
 ///
 /// `seen` is a folder with `clouds.csv` or `markers.csv`, in the frame of the task, whose times are this
 /// machine's CLOCK_MONOTONIC in s, as the controller's are. Without it the only thing seen of the rope
@@ -88,38 +88,36 @@ impl Run {
         Ok(Self { blob, records })
     }
 
+    /// The swings in the order of time.
     fn swings(&self) -> Vec<Swing<'_>> {
-        let serves = |record: &Record, goal_id: u64| {
-            let target = &record.target;
-            let dragged = target.phase >= Phase::Drag.code() && target.phase <= Phase::Retreat.code();
-            record.has(present::TARGET) && target.goal_id == goal_id && dragged
-        };
-        let mut swings = Vec::new();
-        for asked in self.records.iter().filter(|record| record.has(present::GOAL)) {
-            let (goal, serves) = (&asked.goal, |record: &Record| serves(record, asked.goal.id));
-            let first = self.records.iter().position(serves);
-            let last = self.records.iter().rposition(serves);
-            let (Some(first), Some(last), Some(rope)) =
-                (first, last, self.blob.ropes.get(goal.rope as usize))
-            else {
-                continue;
-            };
-            let records = &self.records[first..=last];
-            let is_release =
-                |record: &&Record| serves(record) && record.target.phase == Phase::Release.code();
-            if let Some(release) = records.iter().find(is_release) {
-                swings.push(Swing {
-                    rope,
-                    goal_x_m: goal.x_m,
-                    records,
-                    begin_ns: records[0].now_ns,
-                    release_ns: release.now_ns,
-                });
-            }
-        }
-        swings.sort_by_key(|swing| swing.begin_ns);
-        swings.dedup_by_key(|swing| swing.begin_ns);
-        swings
+        let from_goal_to_goal = self.records.chunk_by(|_, next| !accepts(next));
+        from_goal_to_goal
+            .filter_map(|records| self.swing(records))
+            .collect()
+    }
+
+    /// The swing of the goal that the first of these records accepts. Only the id of the goal accepted last is
+    /// forbidden, so an id may have been refused before and may come back: it names this goal only from here
+    /// until a target is another's or nobody's.
+    fn swing<'a>(&'a self, records: &'a [Record]) -> Option<Swing<'a>> {
+        let goal = &records.first().filter(|first| accepts(first))?.goal;
+        let rope = self.blob.ropes.get(goal.rope as usize)?;
+        let is_of_another = |record: &Record| has_target(record) && record.target.goal_id != goal.id;
+        let end = records.iter().position(is_of_another);
+        let served = &records[..end.unwrap_or(records.len())];
+        let first = served.iter().position(is_from_drag_on)?;
+        let last = served.iter().rposition(is_from_drag_on)?;
+        let records = &served[first..=last];
+        let is_release =
+            |record: &&Record| has_target(record) && record.target.phase == Phase::Release.code();
+        let release = records.iter().find(is_release)?;
+        Some(Swing {
+            rope,
+            goal_x_m: goal.x_m,
+            records,
+            begin_ns: records[0].now_ns,
+            release_ns: release.now_ns,
+        })
     }
 
     fn demo(
@@ -177,7 +175,7 @@ impl Run {
         let text = format!(
             "format = \"{}\"\nscene = \"swing\"\nnoise_m = {GRIP_NOISE_M}\n\
              notes = \"Swing of rope '{}' for the goal x = {} m, recorded by the controller. {what}\"\n\
-             [rope]\nlength_m = {}\ndiameter_m = {}\nmass_kg = {}\ndirection = [0.0, 0.0, -1.0]\n\
+             [rope]\nlength_m = {}\ndiameter_m = {}\nmass_kg = {}\nend_mass_kg = {}\ndirection = [0.0, 0.0, -1.0]\n\
              [table]\nheight_m = 0.0\n\
              [[clamps]]\nend = \"start\"\ngrip_m = {grip_m}\n[[clamps]]\nend = \"end\"\ngrip_m = {grip_m}\n",
             super::FORMAT,
@@ -186,6 +184,7 @@ impl Run {
             rope.length_m,
             rope.diameter_m,
             rope.mass_kg,
+            rope.end_mass_kg,
         );
         // As text, because a demonstration is what its file says.
         toml::from_str(&text).map_err(|error| {
@@ -282,6 +281,24 @@ impl Swing<'_> {
     }
 }
 
+/// Whether a goal was accepted in this cycle.
+fn accepts(record: &Record) -> bool {
+    let status = &record.status;
+    record.has(present::GOAL | present::STATUS)
+        && status.judged_goal_id == record.goal.id
+        && status.judged_reason == Reason::Accepted.code()
+}
+
+fn has_target(record: &Record) -> bool {
+    record.has(present::TARGET)
+}
+
+/// Whether the target moves the gripped end, or the gripper away from it.
+fn is_from_drag_on(record: &Record) -> bool {
+    let dragged = Phase::Drag.code()..=Phase::Retreat.code();
+    has_target(record) && dragged.contains(&record.target.phase)
+}
+
 /// A flange pose as position and orientation in the frame of the task; the level tool is the identity.
 fn in_task(frame: &TaskFrame, pose: &FlangePose) -> ([f64; 3], [f64; 4]) {
     let back = Rotation3::from_axis_angle(&Vector3::z_axis(), -frame.yaw_rad);
@@ -295,6 +312,128 @@ fn in_task(frame: &TaskFrame, pose: &FlangePose) -> ([f64; 3], [f64; 4]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::freeze;
+    use shared::messages::{Goal, JointTarget, RobotState};
+
+    const HEADER: Header = Header {
+        cycle_ns: 4_000_000,
+        cycles_per_target: 1,
+        degraded: 0,
+        silent_cycles_max: 50,
+        gripper_lead_ns: 0,
+        policy_bytes: 100,
+    };
+
+    /// A recording, cycle by cycle, of an arm that follows at once.
+    #[derive(Default)]
+    struct Cycles(Vec<Record>);
+
+    impl Cycles {
+        fn target(&mut self, goal_id: u64, phase: Phase) {
+            let cycle = self.0.len() as u64 + 1;
+            let now_ns = cycle * HEADER.cycle_ns;
+            self.0.push(Record {
+                cycle,
+                now_ns,
+                present: present::TARGET | present::ROBOT,
+                target: JointTarget {
+                    goal_id,
+                    phase: phase.code(),
+                    ..JointTarget::default()
+                },
+                robot: RobotState {
+                    stamp_ns: now_ns,
+                    ..RobotState::default()
+                },
+                ..Record::default()
+            });
+        }
+
+        /// Judges a goal in the newest cycle.
+        fn judge(&mut self, goal: Goal, reason: Reason) {
+            let record = self.0.last_mut().unwrap();
+            record.present |= present::GOAL | present::STATUS;
+            record.goal = goal;
+            record.status.judged_goal_id = goal.id;
+            record.status.judged_reason = reason.code();
+        }
+
+        fn refused(&mut self, goal: Goal) {
+            self.target(0, Phase::Idle);
+            self.judge(goal, Reason::OutOfRange);
+        }
+
+        /// A goal that is accepted and done, with so many cycles of drag.
+        fn done(&mut self, goal: Goal, drags: usize) {
+            self.target(goal.id, Phase::Homing);
+            self.judge(goal, Reason::Accepted);
+            for _ in 0..drags {
+                self.target(goal.id, Phase::Drag);
+            }
+            for phase in [Phase::Dwell, Phase::Release, Phase::Retreat] {
+                self.target(goal.id, phase);
+            }
+            self.target(0, Phase::Idle);
+        }
+
+        /// The file, with a policy file that holds two ropes.
+        fn bytes(&self) -> Vec<u8> {
+            let mut policy = freeze::tests::blob();
+            let mut second = policy.ropes[0].clone();
+            second.name = freeze::short("rope", "blue").unwrap();
+            second.length_m = 0.24;
+            policy.ropes.push(second).unwrap();
+            let mut buffer = vec![0; blob::MAX_BLOB_BYTES];
+            let policy = blob::write(&policy, &mut buffer).unwrap();
+            let header = Header {
+                policy_bytes: policy.len() as u64,
+                ..HEADER
+            };
+            let mut bytes = header.to_bytes().to_vec();
+            bytes.extend(policy);
+            bytes.extend(self.0.iter().flat_map(|record| record.bytes()));
+            bytes
+        }
+    }
+
+    fn goal(id: u64, x_m: f64, rope: u32) -> Goal {
+        Goal {
+            id,
+            x_m,
+            rope,
+            ..Goal::default()
+        }
+    }
+
+    /// Only the id of the goal accepted last is forbidden: a refused one is sent again under its id, and an id
+    /// comes back after another goal.
+    #[test]
+    fn every_accepted_goal_is_a_swing_of_its_own_whatever_its_id() {
+        let mut cycles = Cycles::default();
+        cycles.refused(goal(7, 0.30, 0));
+        cycles.done(goal(7, 0.40, 0), 2);
+        cycles.done(goal(8, 0.41, 1), 3);
+        cycles.refused(goal(7, 0.31, 0));
+        cycles.done(goal(7, 0.42, 0), 4);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.rec");
+        std::fs::write(&file, cycles.bytes()).unwrap();
+        let demos = recording(&file, None).unwrap();
+        let expected = [("0.4 m", 0.25, 2), ("0.41 m", 0.24, 3), ("0.42 m", 0.25, 4)];
+        assert_eq!(demos.len(), expected.len());
+        for (k, (demo, (x, length_m, drags))) in demos.iter().zip(expected).enumerate() {
+            assert_eq!(demo.name, format!("run-{}", k + 1));
+            let notes = &demo.spec.notes;
+            assert!(notes.contains(&format!("x = {x}")), "{notes}");
+            let rope = &demo.spec.rope;
+            assert_eq!((rope.length_m, rope.end_mass_kg), (length_m, 0.004));
+            // Drag and dwell hold, release and retreat do not.
+            let closed: Vec<bool> = demo.clamps[1].iter().map(|sample| sample.closed).collect();
+            let mut wanted = vec![true; drags + 1];
+            wanted.extend([false; 2]);
+            assert_eq!(closed, wanted);
+        }
+    }
 
     #[test]
     fn the_task_frame_is_undone() {
@@ -324,15 +463,7 @@ mod tests {
                 "{error}"
             );
         }
-        let header = Header {
-            cycle_ns: 4_000_000,
-            cycles_per_target: 1,
-            degraded: 0,
-            silent_cycles_max: 50,
-            gripper_lead_ns: 0,
-            policy_bytes: 100,
-        };
-        std::fs::write(&file, header.to_bytes()).unwrap();
+        std::fs::write(&file, HEADER.to_bytes()).unwrap();
         let error = recording(&file, None).unwrap_err().to_string();
         assert!(error.contains("within its policy file"), "{error}");
     }

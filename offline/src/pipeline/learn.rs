@@ -202,6 +202,7 @@ pub fn freeze_policy(
         length_m: model.rope.length_m,
         diameter_m: model.rope.diameter_m,
         mass_kg: model.rope.mass_kg,
+        end_mass_kg: model.rope.end_mass_kg,
         reach_m: learned.reach_m,
         effects: bounded("effects", &effects)?,
     };
