@@ -1,4 +1,4 @@
-//! Plays the arm: follows the newest target with a first-order lag and reports its joints 250 times a
+//! Plays the arm: follows every new target with a first-order lag and reports its joints 250 times a
 //! second. The shape of a real driver: replace the lag by the arm's own interface.
 //!
 //! `cargo run --release -p controller --example sim_robot`
@@ -11,7 +11,7 @@ use controller::clock;
 use controller::program;
 use controller::session::DEFAULT_INSTANCE;
 use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
-use shared::messages::RobotState;
+use shared::messages::{JointTarget, RobotState};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 const PERIOD_NS: u64 = 4_000_000;
 /// A live controller sends a status every 100 ms.
 const SILENCE: Duration = Duration::from_secs(1);
+/// A target older than this is not sent: nobody streams any more, and the arm may have been moved since.
+const TARGET_AGE_MAX_NS: u64 = 100_000_000;
 
 /// A simulated xArm7. Ctrl-C ends it.
 #[derive(Parser)]
@@ -49,22 +51,38 @@ struct Summary {
 struct Arm {
     q_rad: Joints,
     dq_rad_s: Joints,
+    /// Where the arm was sent last: it goes there even when nothing else is sent.
+    sent_rad: Joints,
+    sent_seq: u64,
     gripper: u32,
     share_per_period: f64,
 }
 
 impl Arm {
+    /// At the start of a connection: the target that is there already is never sent, for the arm may have been
+    /// moved by hand since it was made.
+    fn skip_newest(&mut self, port: &mut ArmPort) {
+        self.sent_seq = port.newest_target().map_or(0, |target| target.seq);
+    }
+
+    /// Number 0 is no target.
+    fn is_new(&self, target: &JointTarget) -> bool {
+        let age_ns = clock::now_ns().saturating_sub(target.stamp_ns);
+        target.seq != 0 && target.seq != self.sent_seq && age_ns <= TARGET_AGE_MAX_NS
+    }
+
     fn follow(&mut self, port: &mut ArmPort) {
-        let Some(target) = port.newest_target() else {
-            return;
-        };
+        if let Some(target) = port.newest_target().filter(|target| self.is_new(target)) {
+            self.sent_rad = target.q_rad;
+            self.sent_seq = target.seq;
+            self.gripper = target.gripper;
+        }
         let period_s = PERIOD_NS as f64 * 1e-9;
         for i in 0..JOINTS {
-            let step = (target.q_rad[i] - self.q_rad[i]) * self.share_per_period;
+            let step = (self.sent_rad[i] - self.q_rad[i]) * self.share_per_period;
             self.q_rad[i] += step;
             self.dq_rad_s[i] = step / period_s;
         }
-        self.gripper = target.gripper;
     }
 
     fn state(&self) -> RobotState {
@@ -91,6 +109,8 @@ fn run(args: &Args) -> Result<()> {
     let mut arm = Arm {
         q_rad: LEVEL_POSTURE_RAD,
         dq_rad_s: [0.0; JOINTS],
+        sent_rad: LEVEL_POSTURE_RAD,
+        sent_seq: 0,
         gripper: 0,
         share_per_period: 1.0 - (-(PERIOD_NS as f64) * 1e-9 / args.lag_s).exp(),
     };
@@ -120,6 +140,7 @@ fn run(args: &Args) -> Result<()> {
 /// Until the end, or until the controller falls silent.
 fn play(arm: &mut Arm, client: &mut Client, states_sent: &mut u64, ended: &dyn Fn() -> bool) -> Result<()> {
     let mut port = client.arm()?;
+    arm.skip_newest(&mut port);
     let mut heard = Instant::now();
     let mut next_ns = clock::now_ns();
     while !ended() && heard.elapsed() < SILENCE {

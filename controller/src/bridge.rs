@@ -2,7 +2,7 @@
 //! loop, targets and statuses from it. It may allocate and wait; the loop never waits for it.
 
 use crate::clock;
-use crate::constants::{BRIDGE_LAG_US, BRIDGE_LEAD_US, BRIDGE_PAUSE_US};
+use crate::constants::{BRIDGE_LAG_US, BRIDGE_LEAD_US, BRIDGE_PAUSE_US, REQUEST_QUEUE};
 use crate::cycle::Queues;
 use crate::services::{COMMANDS, GOALS, Payload, ROBOT, STATUS, ServiceError, TARGETS};
 use crate::voice::{Event, Voice};
@@ -50,10 +50,10 @@ impl Bridge {
             None,
             None,
         ];
-        while let Some(target) = queues.targets.pop() {
+        for target in queues.targets.drain() {
             failures[3] = failures[3].take().or(give(&self.targets, target, queues));
         }
-        while let Some(status) = queues.statuses.pop() {
+        for status in queues.statuses.drain() {
             on_status(&status);
             failures[4] = failures[4].take().or(give(&self.statuses, status, queues));
         }
@@ -99,22 +99,24 @@ fn rest_until_ns(now_ns: u64, cycle_ns: u64, turned: bool) -> Option<u64> {
     }
 }
 
-/// From a port to where `put` puts it; what went wrong, if anything did.
+/// From a port to where `put` puts it, no more than the loop has room for, so that a flood on one port does not keep the
+/// others waiting; what went wrong, if anything did.
 fn take<T: Payload>(
     port: &Subscriber<ipc::Service, T, ()>,
     queues: &Queues,
     put: impl Fn(T),
 ) -> Option<String> {
-    loop {
+    for _ in 0..REQUEST_QUEUE {
         match port.receive() {
             Ok(Some(sample)) => put(*sample),
-            Ok(None) => return None,
+            Ok(None) => break,
             Err(error) => {
                 queues.count_lost();
                 return Some(format!("cannot receive: {error:?}"));
             }
         }
     }
+    None
 }
 
 fn give<T: Payload>(port: &Publisher<ipc::Service, T, ()>, item: T, queues: &Queues) -> Option<String> {

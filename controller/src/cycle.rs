@@ -7,12 +7,12 @@ use crate::constants::{
     COLD_US, EARLY_US, RECORD_QUEUE, REQUEST_QUEUE, ROBOT_QUEUE, STATUS_QUEUE, TARGET_QUEUE,
 };
 use crate::recorder;
+use crate::ring::Ring;
 use crate::rt;
 use crate::step::{Controller, Inputs, Output};
 use crate::timing::{Cost, Stations, Timing};
-use crossbeam::queue::ArrayQueue;
 use shared::arm::LEVEL_POSTURE_RAD;
-use shared::messages::{Command, CommandKind, Goal, JointTarget, ROBOT_MAGIC, RobotState, Status};
+use shared::messages::{Command, CommandKind, Goal, JointTarget, Phase, ROBOT_MAGIC, RobotState, Status};
 use shared::recording::Record;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -22,21 +22,21 @@ const PLANS_TIMED: u32 = 16;
 /// What the loop and the bridge share; made once, before the loop starts.
 pub struct Queues {
     /// Bridge to loop.
-    pub goals: ArrayQueue<Goal>,
+    pub goals: Ring<Goal>,
     /// Bridge to loop: cancels, resets and what is no command.
-    pub commands: ArrayQueue<Command>,
+    pub commands: Ring<Command>,
     /// Bridge to loop: keep-alives, of which clients may send more than there are cycles.
-    pub keep_alives: ArrayQueue<Command>,
+    pub keep_alives: Ring<Command>,
     /// Bridge to loop: emergency stops, which no flood of other commands may delay or push out.
-    pub stops: ArrayQueue<Command>,
+    pub stops: Ring<Command>,
     /// Bridge to loop.
-    pub robots: ArrayQueue<RobotState>,
+    pub robots: Ring<RobotState>,
     /// Loop to bridge.
-    pub targets: ArrayQueue<JointTarget>,
+    pub targets: Ring<JointTarget>,
     /// Loop to bridge.
-    pub statuses: ArrayQueue<Status>,
+    pub statuses: Ring<Status>,
     /// Loop to recorder, only when a recording is asked for.
-    pub records: Option<ArrayQueue<Record>>,
+    pub records: Option<Ring<Record>>,
     /// Tells the loop to stop and end.
     pub shutdown: AtomicBool,
     /// Set by the loop when it has ended.
@@ -50,14 +50,14 @@ impl Queues {
     /// Empty queues of the capacities in `constants`.
     pub fn new(record: bool) -> Self {
         Self {
-            goals: ArrayQueue::new(REQUEST_QUEUE),
-            commands: ArrayQueue::new(REQUEST_QUEUE),
-            keep_alives: ArrayQueue::new(REQUEST_QUEUE),
-            stops: ArrayQueue::new(REQUEST_QUEUE),
-            robots: ArrayQueue::new(ROBOT_QUEUE),
-            targets: ArrayQueue::new(TARGET_QUEUE),
-            statuses: ArrayQueue::new(STATUS_QUEUE),
-            records: record.then(|| ArrayQueue::new(RECORD_QUEUE)),
+            goals: Ring::new(REQUEST_QUEUE),
+            commands: Ring::new(REQUEST_QUEUE),
+            keep_alives: Ring::new(REQUEST_QUEUE),
+            stops: Ring::new(REQUEST_QUEUE),
+            robots: Ring::new(ROBOT_QUEUE),
+            targets: Ring::new(TARGET_QUEUE),
+            statuses: Ring::new(STATUS_QUEUE),
+            records: record.then(|| Ring::new(RECORD_QUEUE)),
             shutdown: AtomicBool::new(false),
             ended: AtomicBool::new(false),
             next_cycle_ns: AtomicU64::new(0),
@@ -65,9 +65,9 @@ impl Queues {
         }
     }
 
-    /// Puts an item in, pushing out and counting the oldest when there is no room.
-    pub fn put<T>(&self, queue: &ArrayQueue<T>, item: T) {
-        if queue.force_push(item).is_some() {
+    /// Puts an item in; where there is no room it is lost and counted.
+    pub fn put<T>(&self, queue: &Ring<T>, item: T) {
+        if queue.push(item).is_err() {
             self.count_lost();
         }
     }
@@ -77,20 +77,15 @@ impl Queues {
         match CommandKind::from_code(command.kind) {
             Some(CommandKind::EmergencyStop) => self.put(&self.stops, command),
             // One says no more than the next: where there is no room, none is lost.
-            Some(CommandKind::KeepAlive) => drop(self.keep_alives.force_push(command)),
+            Some(CommandKind::KeepAlive) => drop(self.keep_alives.push(command)),
             _ => self.put(&self.commands, command),
         }
     }
 
     /// Empties the queue of keep-alives; returns one of the goal `goal_id`, if there is any.
     fn keep_alive_of(&self, goal_id: u64) -> Option<Command> {
-        let mut found = None;
-        while let Some(command) = self.keep_alives.pop() {
-            if command.id == goal_id {
-                found = Some(command);
-            }
-        }
-        found
+        let of_goal = self.keep_alives.drain().filter(|command| command.id == goal_id);
+        of_goal.last()
     }
 
     /// Counts a message that did not get through.
@@ -115,6 +110,11 @@ fn imagined_arm(last: Option<&JointTarget>, now_ns: u64) -> RobotState {
     }
 }
 
+/// Whether targets are sent in a phase.
+fn sends_targets(phase: Phase) -> bool {
+    !matches!(phase, Phase::Waiting | Phase::Fault | Phase::Ended)
+}
+
 /// The controller together with its ends of the queues.
 pub struct Cycle<'a> {
     controller: Controller,
@@ -127,6 +127,10 @@ pub struct Cycle<'a> {
     goal: Option<Goal>,
     /// Whether this turn judged a goal.
     judged: bool,
+    /// Whether a target stands on the blackboard.
+    on_board: bool,
+    /// The newest status, while there is no room for it: the last of a swing must not be the one that is lost.
+    unsent: Option<Status>,
 }
 
 impl<'a> Cycle<'a> {
@@ -140,14 +144,13 @@ impl<'a> Cycle<'a> {
             waiting: None,
             goal: None,
             judged: false,
+            on_board: false,
+            unsent: None,
         }
     }
 
     fn gather(&mut self, now_ns: u64, missed_deadlines: u64) -> Inputs {
-        let mut robot = None;
-        while let Some(newer) = self.queues.robots.pop() {
-            robot = Some(newer);
-        }
+        let mut robot = self.queues.robots.drain().last();
         if self.dry_run {
             robot = Some(imagined_arm(self.last.as_ref(), now_ns));
         }
@@ -165,7 +168,8 @@ impl<'a> Cycle<'a> {
         }
     }
 
-    /// One turn for the instant `now_ns`; `write` gets the target for the arm, if there is one.
+    /// One turn for the instant `now_ns`; `write` gets the target for the arm, if there is one, and an empty one when targets
+    /// end.
     pub fn turn(&mut self, now_ns: u64, missed: u64, write: &mut dyn FnMut(&JointTarget)) -> Output {
         let inputs = self.gather(now_ns, missed);
         self.goal = inputs.goal.or(self.goal);
@@ -175,18 +179,32 @@ impl<'a> Cycle<'a> {
             if !self.dry_run {
                 write(target);
                 self.queues.put(&self.queues.targets, *target);
+                self.on_board = true;
             }
             self.last = Some(*target);
         }
-        if let Some(status) = output.status {
-            self.queues.put(&self.queues.statuses, status);
+        if self.on_board && !sends_targets(self.controller.phase()) {
+            // A driver that starts later must not send what was for an arm that has been moved since.
+            write(&JointTarget::default());
+            self.on_board = false;
         }
+        self.send_status(output.status);
         if let Some(records) = &self.queues.records {
             let cycle = self.controller.cycles();
             self.queues
                 .put(records, recorder::record(cycle, now_ns, &inputs, &output));
         }
         output
+    }
+
+    /// Sends a status, or what waits of an earlier turn.
+    fn send_status(&mut self, status: Option<Status>) {
+        if status.is_some() && self.unsent.is_some() {
+            self.queues.count_lost();
+        }
+        if let Some(newest) = status.or(self.unsent.take()) {
+            self.unsent = self.queues.statuses.push(newest).err();
+        }
     }
 
     /// The stamp of the goal whose first target is the one of this turn, ns.
@@ -280,7 +298,7 @@ mod tests {
     use super::*;
     use crate::sample;
     use crate::step::Setup;
-    use shared::messages::{COMMAND_MAGIC, GOAL_MAGIC, Phase};
+    use shared::messages::{COMMAND_MAGIC, GOAL_MAGIC, TARGET_MAGIC};
 
     fn command(kind: CommandKind, id: u64) -> Command {
         Command {
@@ -366,6 +384,56 @@ mod tests {
             .map(|status| status.map(|status| (status.judged_goal_id, status.goals_refused)))
             .collect();
         assert_eq!(judged, [Some((7, 1)), Some((8, 2)), None, None]);
+    }
+
+    /// A driver that died, whose arm was then moved by hand, sent the old target when it started again.
+    #[test]
+    fn no_target_stays_on_the_blackboard_once_none_are_sent() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, false);
+        let mut board = JointTarget::default();
+        for k in 1..200 {
+            let now_ns = k * 4_000_000;
+            // The arm follows, and falls silent.
+            if k < 100 {
+                queues.put(
+                    &queues.robots,
+                    imagined_arm(Some(&board).filter(|t| t.seq > 0), now_ns),
+                );
+            }
+            cycle.turn(now_ns, 0, &mut |target| board = *target);
+            if k == 99 {
+                assert_eq!(
+                    (board.magic, cycle.controller.phase()),
+                    (TARGET_MAGIC, Phase::Idle)
+                );
+            }
+        }
+        assert_eq!(
+            (board, cycle.controller.phase()),
+            (JointTarget::default(), Phase::Waiting)
+        );
+    }
+
+    /// A client that was told nothing for a while is told how things stand now.
+    #[test]
+    fn the_newest_status_is_sent_once_there_is_room() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        let status = |judged_goal_id: u64| Status {
+            judged_goal_id,
+            ..Status::default()
+        };
+        for goal_id in 1..=STATUS_QUEUE as u64 + 2 {
+            cycle.send_status(Some(status(goal_id)));
+        }
+        assert_eq!(queues.lost(), 1, "the one before the newest");
+        assert_eq!(queues.statuses.drain().count(), STATUS_QUEUE);
+        cycle.send_status(None);
+        let newest = queues.statuses.pop().map(|status| status.judged_goal_id);
+        assert_eq!(newest, Some(STATUS_QUEUE as u64 + 2));
+        cycle.send_status(None);
+        assert!(queues.statuses.is_empty());
     }
 
     #[test]

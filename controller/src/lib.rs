@@ -28,6 +28,7 @@ pub mod policy_file;
 pub mod program;
 pub mod promise;
 pub mod recorder;
+pub mod ring;
 pub mod rt;
 pub mod sample;
 pub mod serve;

@@ -164,12 +164,10 @@ pub fn plan(
         motion: Motion::Line(profile),
         targets: targets(profile.duration_s()),
     };
+    // What it takes to let go, it may take to grip.
+    let moved = targets(pace.gripper_lead_s + GRIPPER_S);
     // A gripper left closed by a cancelled goal lets go before the arm moves.
-    let opening = if from.gripper == Gripper::Closed {
-        targets(GRIPPER_S)
-    } else {
-        0
-    };
+    let opening = if from.gripper == Gripper::Closed { moved } else { 0 };
     // Told early by the time it takes to let go, the gripper lets go when the dwell ends.
     let dwell = targets(blob.task.dwell_s);
     let lead = ((pace.gripper_lead_s / pace.period_s).round() as u32).min(dwell);
@@ -182,7 +180,7 @@ pub fn plan(
             targets: targets(homing.duration_s()),
         },
         straight(Phase::Approach, Gripper::Open, approach),
-        hold(Phase::Grasp, Gripper::Closed, targets(GRIPPER_S)),
+        hold(Phase::Grasp, Gripper::Closed, moved),
         straight(Phase::Drag, Gripper::Closed, drag),
         hold(Phase::Dwell, Gripper::Closed, dwell - lead),
         hold(Phase::Dwell, Gripper::Open, lead),
@@ -225,5 +223,27 @@ mod tests {
             let planned = plan(&blob, None, &goal, &start, &pace);
             assert!(planned.is_ok(), "{goal:?}: {planned:?}");
         }
+    }
+
+    /// After 0.8 s, whatever its latency, the arm moved off with the rope still held.
+    #[test]
+    fn the_arm_waits_for_a_slow_gripper() {
+        let blob = sample::blob();
+        let pace = Pace {
+            period_s: 0.004,
+            gripper_lead_s: 2.0,
+        };
+        let start = Start {
+            q_rad: LEVEL_POSTURE_RAD,
+            gripper: Gripper::Closed,
+        };
+        let legs = plan(&blob, None, &likely_goal(&blob, 0), &start, &pace)
+            .unwrap()
+            .legs;
+        let held_s = |leg: &Leg| f64::from(leg.targets) * pace.period_s;
+        let (opens, grips) = (&legs[0], &legs[3]);
+        assert_eq!([opens.gripper, grips.gripper], [Gripper::Open, Gripper::Closed]);
+        assert!(opens.motion == Motion::Hold && held_s(opens) >= 2.8, "{opens:?}");
+        assert!(grips.motion == Motion::Hold && held_s(grips) >= 2.8, "{grips:?}");
     }
 }

@@ -125,7 +125,7 @@ fn drain(file: &mut impl Write, queues: &Queues) -> io::Result<()> {
     loop {
         // Asked before the queue is emptied, so that the last records are not missed.
         let ended = queues.ended.load(Ordering::Acquire);
-        while let Some(record) = records.pop() {
+        for record in records.drain() {
             file.write_all(record.bytes())?;
         }
         if ended {

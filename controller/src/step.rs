@@ -86,6 +86,7 @@ pub struct Controller {
     accepted_stamp_ns: u64,
     cycles_to_target: u32,
     targets_sent: u64,
+    sent_before_stream: u64,
     status: Status,
     status_changed: bool,
 }
@@ -110,6 +111,7 @@ impl Controller {
             accepted_stamp_ns: 0,
             cycles_to_target: 1,
             targets_sent: 0,
+            sent_before_stream: 0,
             status: Status {
                 magic: STATUS_MAGIC,
                 degraded: setup.degraded,
@@ -235,13 +237,12 @@ impl Controller {
         }
     }
 
-    /// Whether the arm's driver reports states but has not read targets for as long as silence may last, or
-    /// claims to have read one that was never sent.
+    /// Whether the arm's driver has read no target for as long as silence may last, or claims one that was never sent.
     fn targets_unread(&self) -> bool {
-        let Some(unread) = self.targets_sent.checked_sub(self.robot.target_seq) else {
-            return true;
-        };
-        unread * u64::from(self.setup.cycles_per_target) > self.setup.silent_cycles_max
+        let most = self.setup.silent_cycles_max / u64::from(self.setup.cycles_per_target);
+        let unread = self.targets_sent.checked_sub(self.robot.target_seq);
+        // A driver that started meanwhile knows of none from before the stream.
+        unread.is_none_or(|unread| unread.min(self.targets_sent - self.sent_before_stream) > most)
     }
 
     /// A client that promised keep-alives and falls silent stops its goal.
@@ -381,13 +382,11 @@ impl Controller {
         }
     }
 
-    /// From waiting to idle once the arm stands still: a stream begins at the measured pose. In a cycle whose
-    /// target is due, so that the first target is the newest pose: an arm that moved between the two would be
-    /// sent back to where it was.
+    /// From waiting to idle once the arm stands still: a stream begins at the measured pose, in a cycle whose target is
+    /// due, because an arm that moved between the two would be sent back to where it was.
     fn begin_stream(&mut self) {
-        let due = self.cycles_to_target == 1;
-        let ready = due && matches!(self.mode, Mode::Waiting) && self.robot_at_rest();
-        if !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
+        let ready = matches!(self.mode, Mode::Waiting) && self.robot_at_rest();
+        if self.cycles_to_target != 1 || !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
             return;
         }
         if self.targets_sent == 0 {
@@ -396,6 +395,7 @@ impl Controller {
         }
         self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
         self.stream_begun = false;
+        self.sent_before_stream = self.targets_sent;
         self.status.stream += 1;
         self.mode = Mode::Idle;
     }

@@ -114,8 +114,8 @@ fn a_turn_allocates_nothing_whatever_happens() {
         counted += allocations(|| {
             let output = cycle.turn(now_ns, k / 1000, &mut |target| {
                 writer.update_with_copy(*target);
-                last = Some(*target);
-                targets += 1;
+                last = Some(*target).filter(|target| target.seq > 0);
+                targets += u64::from(last.is_some());
             });
             if let Some(status) = output.status {
                 (accepted, refused) = (status.goals_accepted, status.goals_refused);

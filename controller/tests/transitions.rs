@@ -426,6 +426,21 @@ fn a_driver_that_does_not_read_the_targets_is_noticed() {
     world.accept();
 }
 
+/// It knows of no target that was sent before it.
+#[test]
+fn a_driver_that_was_restarted_may_be_given_a_goal_at_once() {
+    let mut world = World::idle();
+    world.run(3 * SILENT_CYCLES as usize);
+    let arm = world.arm.take();
+    world.run_to(Phase::Waiting);
+    world.arm = arm;
+    world.arm.as_mut().unwrap().target_seq = 0;
+    world.reads = false;
+    world.run_to(Phase::Idle);
+    let goal = world.goal_at(0.33);
+    assert_eq!(world.ask(goal), Reason::Accepted);
+}
+
 #[test]
 fn a_driver_that_claims_to_have_read_what_was_never_sent_has_not_read() {
     let mut world = World::idle();

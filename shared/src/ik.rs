@@ -38,10 +38,16 @@ pub enum IkError {
     JointLimit(usize),
 }
 
-/// The posture that the redundancy is drawn towards for this pose: the level posture turned to face it.
+/// The posture that the redundancy is drawn towards for this pose: the level posture turned to face it, by the turn nearest
+/// to where its tool points. A task that crosses the base's −x axis, where the angle to its points jumps by a whole turn, is
+/// then one piece.
 fn reference(target: &FlangePose) -> Joints {
+    const TURN: f64 = core::f64::consts::TAU;
+    let tool = target.rotation.column(2);
+    let ahead = libm::atan2(tool.y, tool.x);
+    let facing = libm::atan2(target.position_m.y, target.position_m.x);
     let mut q = LEVEL_POSTURE_RAD;
-    q[0] = libm::atan2(target.position_m.y, target.position_m.x);
+    q[0] = facing + TURN * libm::round((ahead - facing) / TURN);
     q
 }
 
@@ -159,6 +165,29 @@ mod tests {
             }
         }
         assert!(least > 0.4, "margin {least} rad");
+    }
+
+    /// Joint 1 jumped by a whole turn there, and every goal of such a task was refused.
+    #[test]
+    fn a_task_behind_the_arm_is_reached_without_a_jump() {
+        for yaw in [3.0, core::f64::consts::PI, -3.1] {
+            let frame = crate::blob::TaskFrame {
+                origin_m: [-0.35, -0.0212, 0.12],
+                yaw_rad: yaw,
+            };
+            let at = |x: f64| FlangePose::level(frame.flange_m([x, 0.15]), frame.yaw_rad);
+            let mut before = solve(&at(0.0)).unwrap();
+            for i in 1..=200 {
+                let target = at(1e-3 * i as f64);
+                let q = solve(&target).unwrap();
+                let along = solve_near(&target, &before).unwrap();
+                for joint in 0..JOINTS {
+                    assert!((q[joint] - before[joint]).abs() < 0.02, "{yaw}: {before:?} {q:?}");
+                    assert!((q[joint] - along[joint]).abs() < 1e-9, "{yaw}: {along:?} {q:?}");
+                }
+                before = q;
+            }
+        }
     }
 
     #[test]

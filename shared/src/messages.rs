@@ -89,7 +89,8 @@ pub struct RobotState {
 #[repr(C)]
 #[type_name("genorm.JointTarget.v1")]
 pub struct JointTarget {
-    /// [`TARGET_MAGIC`]; anything else (the blackboard before the first target) is no target.
+    /// [`TARGET_MAGIC`]; anything else (the blackboard before the first target, and while none are sent) is no
+    /// target.
     pub magic: u64,
     /// Counts up by one per target from 1.
     pub seq: u64,

@@ -1,14 +1,15 @@
 //! Clients in other languages: the Python module and the C header have the controller's layouts, names
 //! and codes, the document beside them lists them all, and real Python processes talk to a real
 //! controller. What the machine lacks (Python, a C compiler, a Python module) is skipped with a message.
+//! And a driver of the arm that is killed and started anew.
 
 mod controller_world;
 
 use controller::session::ICEORYX2;
-use controller_world::{PATIENCE, World, await_status, idle};
+use controller_world::{PATIENCE, World, await_status, idle, in_phase};
 use iceoryx2::prelude::ZeroCopySend;
 use serde_json::{Map, Value, json};
-use shared::arm::{self, Joints};
+use shared::arm::{self, JOINTS, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, PROTOCOL, Phase,
     ROBOT_MAGIC, Reason, RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, degraded,
@@ -363,4 +364,31 @@ fn the_mujoco_bridge_swings_a_simulated_arm() {
     let end = await_status(&mut client, &mut targets, |status| status.finished_goal_id == id);
     assert_eq!(end.finished_reason, Reason::Done.code(), "within {PATIENCE:?}");
     assert_eq!(end.latch_reason, Reason::Accepted.code());
+}
+
+/// A driver that is killed and started anew finds its arm elsewhere than the last target: the simulated arm
+/// always starts in one posture. The next stream begins at that posture, so the driver has sent nothing old.
+#[test]
+fn a_restarted_driver_leaves_the_arm_where_it_finds_it() {
+    let world = World::new();
+    let _controller = world.controller(&[]);
+    let killed = world.robot();
+    let (mut client, mut targets) = (world.client(), Vec::new());
+    await_status(&mut client, &mut targets, idle);
+    let id = client.send_goal(0, 0.33).expect("sent");
+    await_status(&mut client, &mut targets, |status| status.finished_goal_id == id);
+    let away_rad = |target: &JointTarget| {
+        let away = (0..JOINTS).map(|i| (target.q_rad[i] - LEVEL_POSTURE_RAD[i]).abs());
+        away.fold(0.0, f64::max)
+    };
+    assert!(targets.last().is_some_and(|target| away_rad(target) > 0.1));
+    drop(killed);
+    await_status(&mut client, &mut targets, in_phase(Phase::Waiting));
+    targets.clear();
+    let _restarted = world.robot();
+    await_status(&mut client, &mut targets, idle);
+    while targets.is_empty() {
+        await_status(&mut client, &mut targets, |_| true);
+    }
+    assert!(away_rad(&targets[0]) < 1e-9, "{:?}", targets[0]);
 }

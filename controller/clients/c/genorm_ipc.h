@@ -86,7 +86,8 @@ GENORM_STATIC_ASSERT(offsetof(struct genorm_robot_state, dq_rad_s) == 88, "dq_ra
 GENORM_STATIC_ASSERT(offsetof(struct genorm_robot_state, error_code) == 144, "error_code of genorm_robot_state");
 GENORM_STATIC_ASSERT(offsetof(struct genorm_robot_state, gripper) == 148, "gripper of genorm_robot_state");
 
-/* Controller to the arm's driver: where the joints shall be now. */
+/* Controller to the arm's driver: where the joints shall be now. With another magic word, or with seq 0, it is
+ * no target; README.md says which targets a driver sends to the arm. */
 #define GENORM_JOINT_TARGET_TYPE "genorm.JointTarget.v1"
 #define GENORM_JOINT_TARGET_MAGIC UINT64_C(0x31475241544e4547)
 

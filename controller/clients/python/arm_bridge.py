@@ -12,16 +12,22 @@ An arm is an object with these methods; `xarm_bridge.py` and `mujoco_bridge.py` 
 
 import time
 
-from genorm_ipc import Client, Gripper, NotConnected, Phase
+from genorm_ipc import Client, Gripper, NotConnected, Phase, transport_errors
 
 PERIOD_S = 0.004
 
 # A live controller sends a status every 100 ms.
 SILENCE_S = 1.0
 
+# A target older than this is not sent: nobody streams any more, and the arm may have been moved since.
+TARGET_AGE_MAX_S = 0.1
+
 # A target farther than this from the measured joints is not sent: the arm would jump to it. The
 # controller's own limit for an arm that does not follow is 0.15 rad.
 JUMP_MAX_RAD = 0.2
+
+# Before connecting again where iceoryx2 refused.
+RECONNECT_PAUSE_S = 0.1
 
 # Between two attempts to clear an error, so that a person can act.
 RECOVERY_PAUSE_S = 1.0
@@ -36,7 +42,8 @@ class ArmError(Exception):
 
 
 class Bridge:
-    """One connection between a controller's port and an arm, period by period."""
+    """One connection between a controller's port and an arm, period by period. `clock` reads CLOCK_MONOTONIC
+    in s, as the stamps of targets do."""
 
     def __init__(self, arm, port, clock=time.monotonic):
         self.arm = arm
@@ -44,9 +51,10 @@ class Bridge:
         self.clock = clock
         # Told to the controller, whose first target then leaves the gripper as it is.
         self.closed = arm.gripped()
-        self.sent_seq = 0
         self.error = 0
         self.last_recovery_s = float("-inf")
+        self.sent_seq = 0
+        self._skip_newest()
 
     def turn(self, state):
         """One period; `state` is the newest Phase of the controller, or None."""
@@ -57,17 +65,26 @@ class Bridge:
         target = self.port.newest_target()
         if self.error:
             self._recover_when_stopped(state)
-        elif target is not None and target.seq != self.sent_seq:
+        elif target is not None and self._is_new(target):
             self._follow(target, q_rad)
         gripper = Gripper.CLOSED if self.closed else Gripper.OPEN
         self.port.send_state(q_rad, dq_rad_s, self.error, gripper, stamp_ns)
+
+    def _skip_newest(self):
+        """The target that is there now is never sent: the arm may have been moved since it was made."""
+        target = self.port.newest_target()
+        if target is not None:
+            self.sent_seq = target.seq
+
+    def _is_new(self, target):
+        age_s = self.clock() - target.stamp_ns * 1e-9
+        return target.seq not in (0, self.sent_seq) and age_s <= TARGET_AGE_MAX_S
 
     def _follow(self, target, q_rad):
         farthest = max(abs(goal - now) for goal, now in zip(target.q_rad, q_rad))
         self.sent_seq = target.seq
         if farthest > JUMP_MAX_RAD:
-            # Left over from before the arm was moved by hand; the controller begins anew at the measured
-            # pose, or latches.
+            # The arm is not where the stream has it, which the controller latches.
             return
         try:
             self.arm.command(list(target.q_rad))
@@ -92,9 +109,7 @@ class Bridge:
             print(f"bridge: {error}")
             return
         self.error = 0
-        # Targets from before the error are never sent.
-        target = self.port.newest_target()
-        self.sent_seq = target.seq if target is not None else 0
+        self._skip_newest()
         print("bridge: the arm is clear again; reset the controller to go on")
 
 
@@ -115,20 +130,26 @@ def play(arm, client, seconds):
 
 
 def run(arm, instance="genorm", seconds=None):
-    """Bridges the arm to the controller; waits for one that is not there yet or was restarted."""
+    """Bridges the arm to the controller; waits for one that is not there yet, was killed or was restarted."""
     end_s = None if seconds is None else time.monotonic() + seconds
     try:
         while end_s is None or time.monotonic() < end_s:
             try:
-                client = Client.connect(instance, patience_s=1.0)
+                connect_and_play(arm, instance, end_s)
             except NotConnected as error:
                 if "no controller runs" not in str(error):
                     raise
-                continue
-            left_s = None if end_s is None else end_s - time.monotonic()
-            if play(arm, client, left_s):
-                print("bridge: the controller fell silent; connecting again")
+            except transport_errors() as error:
+                print(f"bridge: {type(error).__name__}: {error}; connecting again")
+                time.sleep(RECONNECT_PAUSE_S)
     except KeyboardInterrupt:
         pass
     finally:
         arm.close()
+
+
+def connect_and_play(arm, instance, end_s):
+    """One connection, from its start to its end."""
+    client = Client.connect(instance, patience_s=1.0)
+    if play(arm, client, None if end_s is None else end_s - time.monotonic()):
+        print("bridge: the controller fell silent; connecting again")

@@ -94,7 +94,7 @@ class RobotState(_Message):
 
 
 class JointTarget(_Message):
-    """Controller to the arm's driver: where the joints shall be now."""
+    """Controller to the arm's driver: where the joints shall be now. With `seq` 0 it is no target."""
 
     NAME = "genorm.JointTarget.v1"
     MAGIC = _magic(b"GENTARG1")
@@ -271,9 +271,17 @@ def _iceoryx2():
     return iceoryx2
 
 
+def transport_errors():
+    """What iceoryx2 raises, for instance when the controller is killed while a client connects; the classes
+    have no base in common."""
+    module = sys.modules.get("iceoryx2")
+    values = vars(module).values() if module is not None else ()
+    return tuple(value for value in values if isinstance(value, type) and issubclass(value, Exception))
+
+
 class Client:
-    """A connection to a running controller. When its statuses stop, connect again: a restarted controller
-    is another session."""
+    """A connection to a running controller. When its statuses stop or a call raises one of
+    `transport_errors()`, connect again: a restarted controller is another session."""
 
     def __init__(self, instance="genorm"):
         self._iox2 = iox2 = _iceoryx2()
@@ -396,9 +404,10 @@ class ArmPort:
         self._target_seq = 0
 
     def newest_target(self):
-        """The newest target, or None before the first. Follow only this: older ones are history."""
+        """The newest target, or None before the first and while the controller sends none. Follow only this:
+        older ones are history."""
         target = self._newest.get().decode_as(JointTarget)
-        if target.magic != JointTarget.MAGIC:
+        if target.magic != JointTarget.MAGIC or target.seq == 0:
             return None
         self._target_seq = target.seq
         return target

@@ -13,10 +13,12 @@ import unittest
 import xml.etree.ElementTree as ElementTree
 from unittest import mock
 
+import arm_bridge
+import genorm_ipc
 import xarm7_mjcf
 import xarm_bridge
-from arm_bridge import RECOVERY_PAUSE_S, ArmError, Bridge
-from genorm_ipc import JOINTS, Gripper, JointTarget, Phase
+from arm_bridge import RECOVERY_PAUSE_S, TARGET_AGE_MAX_S, ArmError, Bridge
+from genorm_ipc import JOINTS, Gripper, JointTarget, NotConnected, Phase
 from xarm_bridge import GRIPPER_CLOSED, GRIPPER_OPEN, XArm
 
 
@@ -62,10 +64,12 @@ class FakeXArmAPI:
 
 
 class FakePort:
-    """The controller's side."""
+    """The controller's side, with a clock of its own."""
 
     def __init__(self):
+        self.now_s = 100.0
         self.target = None
+        self.seq = 0
         self.states = []
         self.stamps_ns = []
 
@@ -77,22 +81,29 @@ class FakePort:
         self.stamps_ns.append(stamp_ns)
 
     def next(self, q_rad, gripper=Gripper.OPEN):
-        seq = self.target.seq + 1 if self.target is not None else 1
-        self.target = JointTarget(seq=seq, gripper=gripper)
+        self.seq += 1
+        self.target = JointTarget(seq=self.seq, stamp_ns=round(self.now_s * 1e9), gripper=gripper)
         self.target.q_rad[:] = q_rad
+
+    def clear(self):
+        """No targets are sent now: zeros, though new. (The real ones lack the magic word too.)"""
+        self.target = JointTarget(stamp_ns=round(self.now_s * 1e9))
 
 
 class WithFakes(unittest.TestCase):
     def setUp(self):
         self.api = FakeXArmAPI()
         self.port = FakePort()
-        self.now_s = 100.0
         self.arm = XArm(self.api)
-        self.bridge = Bridge(self.arm, self.port, clock=lambda: self.now_s)
+        self.bridge = self.start()
         self.addCleanup(self.arm.close)
         silent = contextlib.redirect_stdout(io.StringIO())
         silent.__enter__()
         self.addCleanup(silent.__exit__, None, None, None)
+
+    def start(self):
+        """A bridge as after a start or a new connection."""
+        return Bridge(self.arm, self.port, clock=lambda: self.port.now_s)
 
     def near(self, by_rad):
         return [angle + by_rad for angle in self.api.q_rad]
@@ -134,7 +145,7 @@ class Streaming(WithFakes):
     def test_a_gripper_that_holds_something_is_reported_and_left_closed(self):
         for answer in ((0, 140), (0, 0), (3, 850)):
             self.api.gripper_answer = answer
-            bridge = Bridge(self.arm, self.port)
+            bridge = self.start()
             bridge.turn(Phase.WAITING)
             self.assertEqual(self.port.states[-1][2], Gripper.CLOSED, answer)
             self.port.next(self.near(0.0), Gripper.CLOSED)
@@ -151,6 +162,115 @@ class Streaming(WithFakes):
         self.arm.read = slow
         self.bridge.turn(Phase.IDLE)
         self.assertGreaterEqual(time.monotonic_ns() - self.port.stamps_ns[-1], 50_000_000)
+
+
+class Old(WithFakes):
+    """Targets that were made before the arm may have been moved by hand."""
+
+    def sent(self):
+        return [list(angles) for _, angles, _ in self.api.asked("set_servo_angle_j")]
+
+    def test_a_restarted_bridge_does_not_send_what_it_finds(self):
+        self.port.next(self.near(0.1))
+        bridge = self.start()
+        bridge.turn(Phase.WAITING)
+        bridge.turn(Phase.WAITING)
+        self.assertEqual(self.sent(), [])
+        goal = self.near(0.0)
+        self.port.next(goal)
+        bridge.turn(Phase.IDLE)
+        self.assertEqual(self.sent(), [goal])
+
+    def test_an_old_target_is_not_sent(self):
+        goal = self.near(0.1)
+        self.port.next(goal)
+        self.port.now_s += TARGET_AGE_MAX_S + 0.001
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(self.sent(), [])
+        self.port.next(goal)
+        self.port.now_s += TARGET_AGE_MAX_S - 0.001
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(self.sent(), [goal])
+
+    def test_zeros_are_no_target(self):
+        self.api.q_rad = [0.01] * JOINTS
+        for bridge in (self.bridge, self.start()):
+            self.port.clear()
+            bridge.turn(Phase.WAITING)
+            self.port.next(self.near(0.0))
+            bridge.turn(Phase.IDLE)
+            self.port.clear()
+            bridge.turn(Phase.FAULT)
+        self.assertEqual(self.sent(), [[0.01] * JOINTS] * 2)
+
+    def test_the_port_takes_zeros_for_none_and_reports_what_it_read(self):
+        board = JointTarget()
+        client = mock.Mock()
+        port = genorm_ipc.ArmPort(client)
+        port._newest.get.return_value.decode_as.side_effect = lambda kind: board
+        states = client._publisher.return_value.send_copy
+        for magic, seq, read in ((0, 0, 0), (board.magic, 0, 0), (board.magic, 7, 7), (0, 0, 7)):
+            board.magic, board.seq = magic, seq
+            self.assertEqual(port.newest_target(), board if magic and seq else None)
+            port.send_state([0.0] * JOINTS, [0.0] * JOINTS)
+            self.assertEqual(states.call_args.args[0].target_seq, read)
+
+
+class SendError(Exception):
+    """One of iceoryx2's own, for want of it."""
+
+
+class Reconnecting(WithFakes):
+    """What `run` does when the controller is gone in the middle of something."""
+
+    def run_bridge(self, *connections):
+        """Runs the bridge on these connections, until a Ctrl-C after the last; returns what it printed."""
+        said = io.StringIO()
+        iceoryx2 = types.ModuleType("iceoryx2")
+        iceoryx2.SendError = SendError
+        with (
+            mock.patch.dict(sys.modules, {"iceoryx2": iceoryx2}),
+            mock.patch.object(arm_bridge.Client, "connect", side_effect=[*connections, KeyboardInterrupt]),
+            mock.patch.object(arm_bridge, "RECONNECT_PAUSE_S", 0.0),
+            contextlib.redirect_stdout(said),
+        ):
+            arm_bridge.run(self.arm)
+        return said.getvalue()
+
+    def connection(self, port):
+        client = mock.Mock()
+        client.arm.return_value = port
+        client.next_status.return_value = None
+        return client
+
+    def test_a_controller_killed_at_any_point_is_waited_for(self):
+        unreachable = self.connection(self.port)
+        unreachable.arm.side_effect = SendError("while the arm's ports are made")
+        unheard = self.connection(mock.Mock(wraps=self.port))
+        unheard.arm.return_value.send_state.side_effect = SendError("while a state is sent")
+        silent = self.connection(self.port)
+        silent.next_status.side_effect = SendError("while a status is read")
+        gone = SendError("while connecting"), NotConnected("no controller runs as instance 'genorm'")
+        said = self.run_bridge(unreachable, unheard, silent, *gone)
+        for point in ("the arm's ports are made", "a state is sent", "a status is read", "connecting"):
+            self.assertIn(f"bridge: SendError: while {point}; connecting again\n", said)
+        self.assertEqual(len(said.splitlines()), 4, "who waits for a controller says nothing")
+        self.assertEqual(len(self.api.asked("disconnect")), 1, "the arm is left at rest, once, at the end")
+
+    def test_a_new_connection_begins_without_what_it_finds(self):
+        self.port.next(self.near(0.1))
+        self.port.target.stamp_ns = time.monotonic_ns()
+        client = self.connection(self.port)
+        with mock.patch.object(arm_bridge, "SILENCE_S", 0.02):
+            said = self.run_bridge(client, client)
+        self.assertEqual(said.count("the controller fell silent"), 2)
+        self.assertGreater(len(self.port.states), 2)
+        self.assertEqual(self.api.asked("set_servo_angle_j"), [])
+
+    def test_a_failure_that_is_not_the_transports_ends_the_bridge(self):
+        for error in (ValueError("a bug"), NotConnected("speaks protocol 99")):
+            with self.assertRaises(type(error)):
+                self.run_bridge(error)
 
 
 class Errors(WithFakes):
@@ -178,6 +298,8 @@ class Errors(WithFakes):
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(len(self.api.asked("set_servo_angle_j")), sent)
+        self.port.clear()
+        self.bridge.turn(Phase.WAITING)
         self.port.next(self.near(0.0))
         self.bridge.turn(Phase.IDLE)
         self.assertEqual(len(self.api.asked("set_servo_angle_j")), sent + 1)
@@ -189,7 +311,7 @@ class Errors(WithFakes):
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(len(self.api.asked("clean_error")), before + 1)
-        self.now_s += RECOVERY_PAUSE_S
+        self.port.now_s += RECOVERY_PAUSE_S
         self.api.clearable = True
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
