@@ -3,7 +3,7 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use offline::demo::import::{McapTopics, mcap};
-use offline::demo::{CLOUD_TOPIC, Demo, Observations, clamp_topic, closed_topic, export_mcap};
+use offline::demo::{CLOUD_TOPIC, Demo, DemoError, Observations, clamp_topic, closed_topic, export_mcap};
 use shared::arm::DEFAULT_TASK_FRAME;
 use std::path::{Path, PathBuf};
 
@@ -75,7 +75,11 @@ fn the_first_measurement_is_at_zero_however_late_it_was_recorded() {
     let demo = shipped();
     let (dir, file) = exported(&demo);
     let late = dir.path().join("late.mcap");
-    std::fs::write(&late, recorded_later(&std::fs::read(&file).unwrap(), 80_000_000)).unwrap();
+    let later = altered(&std::fs::read(&file).unwrap(), |message| {
+        message.log_time += 80_000_000;
+        true
+    });
+    std::fs::write(&late, later).unwrap();
     let topics = McapTopics {
         closed: Vec::new(),
         ..topics()
@@ -89,13 +93,84 @@ fn the_first_measurement_is_at_zero_however_late_it_was_recorded() {
     assert!((spans(&back) - spans(&demo)).abs() < 1e-6);
 }
 
-/// The recording with every message recorded `by_ns` after it was measured, on channels without metadata.
-fn recorded_later(recording: &[u8], by_ns: u64) -> Vec<u8> {
+/// The openings have no stamp, so they are on the recorder's clock: that of another machine, or not the simulated
+/// time of the stamps.
+#[test]
+fn a_clamp_opens_at_the_same_pose_whatever_the_recorders_clock_says() {
+    let demo = shipped();
+    for later_ns in [HOUR_NS, -HOUR_NS, 80_000_000] {
+        let back = imported_altered(&demo, |message| {
+            message.log_time = message.log_time.saturating_add_signed(later_ns);
+            true
+        });
+        assert_eq!(closed(&back.unwrap()), closed(&demo), "{later_ns}");
+    }
+}
+
+/// As where simulated time runs slower than the recorder's clock.
+#[test]
+fn openings_on_a_clock_that_runs_at_another_rate_are_refused() {
+    let mut later_ns = 0;
+    let back = imported_altered(&shipped(), |message| {
+        later_ns += 20_000_000;
+        message.log_time += later_ns;
+        true
+    });
+    let error = back.unwrap_err().to_string();
+    assert!(
+        error.contains(&closed_topic(0)) && error.contains("scatters") && !error.contains('\n'),
+        "{error}"
+    );
+}
+
+/// On one clock the first state holds before it as well.
+#[test]
+fn a_first_state_that_comes_late_is_refused_on_another_clock_only() {
+    let demo = shipped();
+    let late = |later_ns: i64| {
+        let mut first_ns = None;
+        imported_altered(&demo, |message| {
+            let first_ns = *first_ns.get_or_insert(message.log_time);
+            let stays =
+                message.channel.topic != closed_topic(0) || message.log_time >= first_ns + 300_000_000;
+            message.log_time = message.log_time.saturating_add_signed(later_ns);
+            stays
+        })
+    };
+    assert_eq!(closed(&late(0).unwrap()), closed(&demo));
+    let error = late(HOUR_NS).unwrap_err().to_string();
+    assert!(
+        error.contains("0.30 s after the clamp's first pose") && !error.contains('\n'),
+        "{error}"
+    );
+}
+
+const HOUR_NS: i64 = 3_600_000_000_000;
+
+fn closed(demo: &Demo) -> Vec<bool> {
+    demo.clamps[0].iter().map(|sample| sample.closed).collect()
+}
+
+/// What comes back of a demonstration from the recording that [`altered`] makes.
+fn imported_altered(
+    demo: &Demo,
+    alter: impl FnMut(&mut mcap::Message<'_>) -> bool,
+) -> Result<Demo, DemoError> {
+    let (_dir, file) = exported(demo);
+    let recording = altered(&std::fs::read(&file).unwrap(), alter);
+    std::fs::write(&file, recording).unwrap();
+    mcap(&file, &topics(), None, &DEFAULT_TASK_FRAME, "altered").map(|back| back.demo)
+}
+
+/// The recording with the messages that `alter` keeps, as it leaves them, on channels without metadata.
+fn altered(recording: &[u8], mut alter: impl FnMut(&mut mcap::Message<'_>) -> bool) -> Vec<u8> {
     let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
     copy_attachments(recording, &mut writer);
     for message in mcap::MessageStream::new(recording).unwrap() {
         let mut message = message.unwrap();
-        message.log_time += by_ns;
+        if !alter(&mut message) {
+            continue;
+        }
         let channel = mcap::Channel {
             metadata: std::collections::BTreeMap::new(),
             ..(*message.channel).clone()

@@ -79,15 +79,20 @@ fn header(bytes: &[u8]) -> Result<Header, String> {
     if count == 0 || sizes.len() != count || kinds.len() != count || counts.len() != count {
         return Err("FIELDS, SIZE, TYPE and COUNT do not name the same fields".into());
     }
-    let mut offset = 0;
+    let mut offset = 0usize;
     for i in 0..count {
+        let size = sizes[i];
+        if !matches!(size, 1 | 2 | 4 | 8) {
+            return Err(format!("SIZE {size} is not 1, 2, 4 or 8"));
+        }
         header.fields.push(Field {
             offset,
-            size: sizes[i],
+            size,
             kind: kinds[i],
             count: counts[i],
         });
-        offset += sizes[i] * counts[i];
+        let end = size.checked_mul(counts[i]).and_then(|n| offset.checked_add(n));
+        offset = end.ok_or("COUNT makes a point longer than any file")?;
     }
     Ok(header)
 }
@@ -106,6 +111,7 @@ fn axes(header: &Header) -> Result<[usize; 3], String> {
     Ok(axes)
 }
 
+/// Bytes of a point; a header with more than can be counted is refused.
 fn stride(header: &Header) -> usize {
     header.fields.iter().map(|f| f.size * f.count).sum()
 }
@@ -273,6 +279,29 @@ mod tests {
         for (bytes, why) in [(short, "40 bytes"), (strange, "'zip'"), (flat, "no field 'z'")] {
             let error = read_bytes(&bytes).expect_err("refused").to_string();
             assert!(error.contains(why) && !error.contains('\n'), "{error}");
+        }
+    }
+
+    /// Sizes and counts that wrap round would make a point of a few bytes with a field far outside it.
+    #[test]
+    fn sizes_and_counts_that_no_point_can_have_are_refused_with_one_line() {
+        let endless = format!("1 1 1 {}", usize::MAX);
+        for (sizes, counts, why) in [
+            ("4 4 4 18446744073709551608", "1 1 1 1", "18446744073709551608"),
+            ("4 4 4 0", "1 1 1 1", "SIZE 0 "),
+            ("4 4 4 3", "1 1 1 1", "SIZE 3 "),
+            ("4 4 4 8", endless.as_str(), "COUNT"),
+            ("4 4 4 1", endless.as_str(), "COUNT"),
+        ] {
+            for data in ["ascii", "binary", "binary_compressed"] {
+                let mut bytes = format!(
+                    "FIELDS x y z w\nSIZE {sizes}\nTYPE F F F F\nCOUNT {counts}\nPOINTS 3\nDATA {data}\n"
+                )
+                .into_bytes();
+                bytes.extend([0; 12]);
+                let error = read_bytes(&bytes).expect_err("refused").to_string();
+                assert!(error.contains(why) && !error.contains('\n'), "{error}");
+            }
         }
     }
 }

@@ -25,16 +25,22 @@ impl Demo {
     }
 }
 
-/// When a clamp is first seen elsewhere, turned, or in another state than at first, s.
+/// Until when a clamp is as at first, s: it opens or closes at the sample that says so, but may move from the last sample
+/// at which it has not.
 fn changes_at_s(path: &[ClampSample]) -> Option<f64> {
     let first = path.first()?;
     let apart = |a: &[f64], b: &[f64], most: f64| a.iter().zip(b).any(|(a, b)| (a - b).abs() > most);
-    let changed = path.iter().find(|sample| {
-        sample.closed != first.closed
-            || apart(&sample.position_m, &first.position_m, MOVED_M)
+    let moved = |sample: &ClampSample| {
+        apart(&sample.position_m, &first.position_m, MOVED_M)
             || apart(&sample.quaternion_xyzw, &first.quaternion_xyzw, TURNED)
-    });
-    changed.map(|sample| sample.t_s)
+    };
+    path.windows(2).find_map(|pair| {
+        if moved(&pair[1]) {
+            Some(pair[0].t_s.next_up())
+        } else {
+            (pair[1].closed != first.closed).then_some(pair[1].t_s)
+        }
+    })
 }
 
 #[cfg(test)]
@@ -60,6 +66,24 @@ mod tests {
         let frames = demo.rest_frames(&times_s);
         assert!((1..times_s.len()).contains(&frames), "{frames}");
         assert_eq!(held().rest_frames(&times_s), times_s.len());
+    }
+
+    /// Between two samples of a slow log the gripper is on its way already.
+    #[test]
+    fn a_clamp_that_is_seldom_logged_moves_from_the_last_sample_at_rest() {
+        let mut demo = held();
+        let times_s = demo.times_s();
+        let sample = |t_s: f64, z_m: f64| {
+            let mut sample = ClampSample {
+                t_s,
+                ..demo.clamps[0][0].clone()
+            };
+            sample.position_m[2] += z_m;
+            sample
+        };
+        let log = [(times_s[0], 0.0), (times_s[3], 0.0), (times_s[9], 0.04)];
+        demo.clamps[0] = log.map(|(t_s, z_m)| sample(t_s, z_m)).into();
+        assert_eq!(demo.rest_frames(&times_s), 4);
     }
 
     /// What follows is the swing, not the noise of a rope at rest.

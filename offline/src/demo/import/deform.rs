@@ -44,7 +44,7 @@ struct Recording {
 /// One demonstration per recording without a gap; observed frames are thinned to about `rate_hz`.
 ///
 /// # Errors
-/// A file is missing or malformed.
+/// A file is missing or malformed, or files of one rope differ in how many markers they have.
 pub fn deform(dir: &Path, rate_hz: f64) -> Result<Vec<Demo>, DemoError> {
     let recordings = recordings(dir)?;
     // A rope is as long in every recording of it.
@@ -78,17 +78,30 @@ fn recordings(dir: &Path) -> Result<Vec<Recording>, DemoError> {
     ];
     let manifest = Table::read(&dir.join("manifest.csv"), &columns, &[])?;
     let mut list: Vec<Recording> = Vec::new();
+    let mut firsts = BTreeMap::new();
     let mut before = ("", f64::NAN);
     for row in 0..manifest.len() {
         let file = manifest.text(row, "file");
         let path = dir.join(file);
         let array = Array::read(&path, 3)?;
-        if array.shape[1] < 6 || array.shape[2] != 3 {
+        let markers = array.shape[1];
+        if array.shape[0] == 0 || markers < 6 || array.shape[2] != 3 {
             let problem = format!("the shape is {:?}, not (frames, markers, 3)", array.shape);
-            return Err(DemoError::new(&path, problem, "at least six markers are needed"));
+            return Err(DemoError::new(
+                &path,
+                problem,
+                "at least one frame and six markers are needed",
+            ));
         }
         let frames = (0..array.shape[0]).map(|k| frame_of(array.row(k)));
         let (rope, chunk) = (manifest.text(row, "dlo"), manifest.number(row, "chunk")?);
+        // Arc lengths are those of a rope, from all its files.
+        let (first, expected) = *firsts.entry(rope).or_insert((file, markers));
+        if markers != expected {
+            let problem = format!("{markers} markers, but {first} of the same dlo {rope} has {expected}");
+            let remedy = "give it another dlo in manifest.csv, or save both with the same markers";
+            return Err(DemoError::new(&path, problem, remedy));
+        }
         let follows = manifest.flag(row, "continues_previous_chunk")? && before == (rope, chunk - 1.0);
         before = (rope, chunk);
         match list.last_mut() {
@@ -214,6 +227,47 @@ fn one(recording: &Recording, arcs: &[f64], rate_hz: f64) -> Demo {
 mod tests {
     use super::*;
     use crate::demo::Observations;
+
+    /// Files r0.npy, r1.npy and so on of one rope, with so many frames and markers 0.1 m apart.
+    fn data_set(shapes: &[[usize; 2]]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        let mut manifest = "file,dlo,chunk,upstream_split,markers,continues_previous_chunk,max_acc_m_s2,\
+                            jump_frames,min_z_m,upstream_path\n"
+            .to_owned();
+        for (k, &[frames, markers]) in shapes.iter().enumerate() {
+            manifest += &format!("r{k}.npy,rope,0,train,{markers},0,0,0,1,r{k}\n");
+            let header =
+                format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({frames}, {markers}, 3), }}\n");
+            let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+            bytes.extend((header.len() as u16).to_le_bytes());
+            bytes.extend(header.as_bytes());
+            for m in (0..frames).flat_map(|_| 0..markers) {
+                let point = [0.1 * m as f32, 0.0, 1.0];
+                bytes.extend(point.iter().flat_map(|x| x.to_le_bytes()));
+            }
+            std::fs::write(dir.path().join(format!("r{k}.npy")), bytes).unwrap();
+        }
+        std::fs::write(dir.path().join("manifest.csv"), manifest).unwrap();
+        dir
+    }
+
+    #[test]
+    fn files_without_a_frame_or_with_other_markers_than_their_ropes_are_refused() {
+        let good = data_set(&[[3, 8], [2, 8]]);
+        assert_eq!(deform(good.path(), 100.0).unwrap().len(), 2);
+        for (shapes, file, why) in [
+            (&[[3, 8], [0, 8]], "r1.npy", "at least one frame"),
+            (&[[3, 8], [3, 7]], "r1.npy", "7 markers, but r0.npy"),
+            (&[[3, 7], [3, 8]], "r1.npy", "8 markers, but r0.npy"),
+        ] {
+            let bad = data_set(shapes);
+            let error = deform(bad.path(), 100.0).unwrap_err().to_string();
+            assert!(
+                error.contains(file) && error.contains(why) && !error.contains('\n'),
+                "{error}"
+            );
+        }
+    }
 
     /// Seven markers 0.1 m apart in a straight line that moves sideways; marker 3 jumps once.
     #[test]

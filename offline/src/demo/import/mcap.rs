@@ -21,9 +21,13 @@ pub struct McapTopics {
     pub clamps: Vec<String>,
     /// `sensor_msgs/msg/JointState` of the arm that is the only clamp, in place of `clamps`.
     pub joints: Option<String>,
-    /// `std_msgs/msg/Bool` per clamp, true while it holds; without it clamps hold throughout.
+    /// `std_msgs/msg/Bool` per clamp, true while it holds; without it clamps hold throughout. It has no stamp: its
+    /// times are the recorder's, less what these are ahead of the clamp's stamps.
     pub closed: Vec<String>,
 }
+
+/// Clocks that differ by less, ns, are one: messages are under way that long at most.
+const ONE_CLOCK_NS: i128 = 250_000_000;
 
 /// A recording as a demonstration.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +43,7 @@ pub struct FromMcap {
 ///
 /// # Errors
 /// The file is no recording, a topic is not there or of another type, frames of reference differ, all clouds are
-/// empty, or there are more or fewer topics of closed clamps than clamps.
+/// empty, there are more or fewer topics of closed clamps than clamps, or when a clamp opens cannot be told.
 pub fn mcap(
     file: &Path,
     topics: &McapTopics,
@@ -83,7 +87,9 @@ pub fn mcap(
             .map(|path| path.iter().map(|m| of_pose(m, &clock)).collect()),
     );
     clamps.iter_mut().for_each(|path| make_continuous(path));
-    recording.close(&mut clamps, &clock, &topics.closed)?;
+    let mut lags: Vec<Lag> = joints.iter().map(|path| Lag::of(path)).collect();
+    lags.extend(poses.iter().map(|path| Lag::of(path)));
+    recording.close(&mut clamps, &lags, &clock, &topics.closed)?;
     let frames: Result<Vec<CloudFrame>, DemoError> =
         clouds.iter().map(|m| recording.of_cloud(m, &clock)).collect();
     let mut frames = frames?;
@@ -109,7 +115,30 @@ pub fn mcap(
 /// A message with when it was measured or, where it does not say so, recorded: ns of the recording's clock.
 struct Stamped<M> {
     stamp_ns: i128,
+    /// When it was recorded, ns of the recorder's clock.
+    logged_ns: i128,
     message: M,
+}
+
+/// How far the recorder's clock is ahead of the stamps of a clamp's path, with the time that messages are under
+/// way: the clamp's state is recorded beside its path and is about as late.
+struct Lag {
+    median_ns: i128,
+    /// From quartile to quartile.
+    scatter_ns: i128,
+}
+
+impl Lag {
+    /// Of messages, of which there is at least one.
+    fn of<M>(path: &[Stamped<M>]) -> Self {
+        let mut lags: Vec<i128> = path.iter().map(|m| m.logged_ns - m.stamp_ns).collect();
+        lags.sort_unstable();
+        let quartile = |k: usize| lags[(lags.len() - 1) * k / 4];
+        Self {
+            median_ns: quartile(2),
+            scatter_ns: quartile(3) - quartile(1),
+        }
+    }
 }
 
 /// From the recording's clock to the demonstration's.
@@ -120,7 +149,7 @@ struct Clock {
 
 impl Clock {
     fn t_s<M>(&self, stamped: &Stamped<M>) -> f64 {
-        (stamped.stamp_ns - self.epoch_ns) as f64 / 1e9
+        seconds(stamped.stamp_ns - self.epoch_ns)
     }
 }
 
@@ -200,6 +229,7 @@ impl Recording<'_> {
     fn close(
         &self,
         clamps: &mut [Vec<ClampSample>],
+        lags: &[Lag],
         clock: &Clock,
         topics: &[String],
     ) -> Result<(), DemoError> {
@@ -213,14 +243,46 @@ impl Recording<'_> {
                 "name one for each clamp with --closed-topic, in the order of the clamps, or none",
             ));
         }
-        for (path, topic) in clamps.iter_mut().zip(topics) {
-            let states: Vec<Stamped<Bool>> = self.messages(topic)?;
+        for ((path, lag), topic) in clamps.iter_mut().zip(lags).zip(topics) {
+            let states = self.states(topic, lag)?;
+            let late_s = clock.t_s(&states[0]) - path[0].t_s;
+            // On one clock, the first state holds before it as well: topics begin one after the other. Else the
+            // recorder's clock may have been set meanwhile, or the clamp tells its state only when it changes.
+            if lag.median_ns.abs() > ONE_CLOCK_NS && late_s > seconds(ONE_CLOCK_NS) {
+                return Err(self.error(
+                    format!(
+                        "the first state on {topic} comes {late_s:.2} s after the clamp's first pose, and the \
+                         recorder's clock (log_time) is {:.2} s ahead of the clamp's stamps",
+                        seconds(lag.median_ns)
+                    ),
+                    "publish the state before the recording begins and often, or leave out --closed-topic",
+                ));
+            }
             for sample in path {
                 let after = states.partition_point(|state| clock.t_s(state) <= sample.t_s + 1e-9);
                 sample.closed = states[after.saturating_sub(1)].message.data;
             }
         }
         Ok(())
+    }
+
+    /// What a topic says of a clamp, on the clock of the clamp's stamps.
+    fn states(&self, topic: &str, lag: &Lag) -> Result<Vec<Stamped<Bool>>, DemoError> {
+        if lag.scatter_ns > ONE_CLOCK_NS {
+            return Err(self.error(
+                format!(
+                    "when {topic} was true cannot be told: it has no stamps, and how far the recorder's clock \
+                     (log_time) is ahead of the clamp's stamps scatters by {:.2} s",
+                    seconds(lag.scatter_ns)
+                ),
+                "record on the clock of the stamps (`ros2 bag record --use-sim-time`), or leave out --closed-topic",
+            ));
+        }
+        let mut states: Vec<Stamped<Bool>> = self.messages(topic)?;
+        for state in &mut states {
+            state.stamp_ns -= lag.median_ns;
+        }
+        Ok(states)
     }
 
     fn messages<M: Timed>(&self, topic: &str) -> Result<Vec<Stamped<M>>, DemoError> {
@@ -246,11 +308,13 @@ impl Recording<'_> {
             let decoded: M = ros::decode(&message.data).map_err(|problem| {
                 self.error(format!("a message of {topic}: {problem}"), "record it again")
             })?;
-            let stamp_ns = decoded.header().map_or(i128::from(message.log_time), |h| {
+            let logged_ns = i128::from(message.log_time);
+            let stamp_ns = decoded.header().map_or(logged_ns, |h| {
                 i128::from(h.stamp.sec) * 1_000_000_000 + i128::from(h.stamp.nanosec)
             });
             list.push(Stamped {
                 stamp_ns,
+                logged_ns,
                 message: decoded,
             });
         }
@@ -354,6 +418,10 @@ impl Recording<'_> {
             closed: true,
         })
     }
+}
+
+fn seconds(ns: i128) -> f64 {
+    ns as f64 / 1e9
 }
 
 fn of_pose(stamped: &Stamped<PoseStamped>, clock: &Clock) -> ClampSample {
