@@ -17,6 +17,9 @@ pub struct ResidualMap {
     pub arcs_m: Vec<f64>,
     /// Measured minus predicted per frame and station, mm along (x, y, z); none where nothing was seen.
     pub offsets_mm: Vec<Vec<Option<[f64; 3]>>>,
+    /// Noise of an offset along one direction, root mean square over all of them, mm.
+    #[serde(default)]
+    pub noise_mm: f64,
 }
 
 /// Size of a residual next to its noise.
@@ -63,11 +66,13 @@ impl ResidualMap {
                 cell[k] += 1e3 * row.offset_m * row.direction[k];
             }
         }
+        let square: f64 = rows.iter().map(|row| row.sigma_m.powi(2)).sum();
         Self {
             demo: demo.name.clone(),
             times_s: times_s.to_vec(),
             arcs_m,
             offsets_mm,
+            noise_mm: 1e3 * (square / rows.len().max(1) as f64).sqrt(),
         }
     }
 }

@@ -214,6 +214,14 @@ mod tests {
         }
     }
 
+    /// A table more slippery than declared left nothing to swing: no policy, no advice.
+    #[test]
+    fn what_the_table_was_like_does_not_matter_in_the_air() {
+        let reach_m = |swing: &SimulatedSwing| swing.reach_m(0.9e6, 0.3, [0.12, 0.10]).expect("it swings");
+        let slippery = with(Some("table_friction"), &[-0.2]);
+        assert_eq!(reach_m(&slippery), reach_m(&with(None, &[])));
+    }
+
     /// The region of releases had its circle about the rope's top end, 40 mm too high: low releases that a rope reaches were
     /// none of it, and at the upper left it was stretched.
     #[test]

@@ -48,6 +48,12 @@ fn wrong_use_has_exit_code_2_and_says_what_is_right() {
             "--from 5 is after --to 1: give the earlier instant first",
         ),
         (&[&cut[..], &["--from", "nan"]].concat(), "give a finite number"),
+        (&["run", "--name", "a/b"], "give it another with --name"),
+        (&["fit", "--name", ""], "give it one with --name"),
+        (
+            &["bench-diagnosis", "--only", "zzz"],
+            "look at the names with --list",
+        ),
     ];
     for (arguments, words) in cases {
         let (code, said) = refusal(arguments);
@@ -177,4 +183,26 @@ fn a_full_disk_is_one_line_and_a_failure() {
         "{said}"
     );
     assert_eq!(said.lines().count(), 1, "{said}");
+}
+
+/// `freeze --out my-run` without `--demo` took the sample rope's recordings, removed the diagnosis of one's own rope, and
+/// would have frozen the sample rope's policy in its place.
+#[test]
+fn a_run_of_ones_own_rope_is_not_made_the_sample_ropes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let own = "offline/demos/sample-rope/held-out-1";
+    let fitted = offline(&["fit", "--demo", own, "--name", "mine", "--out", out]).output();
+    assert!(fitted.unwrap().status.success());
+    let model = || std::fs::read(folder.path().join("model.toml")).unwrap();
+    let before = model();
+    for command in ["fit", "freeze"] {
+        let (code, said) = refusal(&[command, "--out", out]);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(
+            said.contains("fitted: held-out-1") && said.contains("--demo"),
+            "{said}"
+        );
+    }
+    assert_eq!(model(), before);
 }

@@ -34,6 +34,10 @@ impl Reality for Rod {
         "g3"
     }
 
+    fn revision(&self) -> u32 {
+        0
+    }
+
     fn effects(&self) -> Vec<&'static str> {
         vec![
             "air_drag",

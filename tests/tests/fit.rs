@@ -97,6 +97,7 @@ fn clouds_of_background_give_too_few_rows() {
         demo: name,
         rows,
         needed,
+        ..
     } = &error
     else {
         panic!("{error}");

@@ -37,6 +37,10 @@ pub trait Reality: Sync {
     /// Short name: `g2`, `g3`.
     fn name(&self) -> &'static str;
 
+    /// Goes up with every change of what it plays that is none of [`crate::sim::REVISION`]: what it played before is then
+    /// played anew, and answers about that count no more.
+    fn revision(&self) -> u32;
+
     /// Names of the library's effects that it can play.
     fn effects(&self) -> Vec<&'static str>;
 
@@ -124,6 +128,10 @@ const POISSON: f64 = 0.3;
 impl Reality for Finer {
     fn name(&self) -> &'static str {
         "g2"
+    }
+
+    fn revision(&self) -> u32 {
+        0
     }
 
     /// All but what a rope that lies straight at first does not show.

@@ -59,6 +59,9 @@ pub struct Answer {
     /// The program that gave it.
     #[serde(default)]
     pub made_by: String,
+    /// [`Truth::fingerprint`] of what it answers.
+    #[serde(default)]
+    pub truth: u64,
     /// The cell.
     pub cell: Cell,
     /// Kind of the verdict.
@@ -101,15 +104,19 @@ pub fn file(out: &Path, cell: &Cell) -> PathBuf {
     out.join("cells").join(format!("{}.json", cell.name()))
 }
 
-/// The answer of an earlier run of this program; none of another version.
+/// The answer of an earlier run of this program to the truth that is there; none of another version, nor to another truth.
 pub fn answered(out: &Path, cell: &Cell) -> Option<Answer> {
-    kept::<Answer>(&file(out, cell)).filter(|answer| answer.made_by == made_by())
+    let answer = kept::<Answer>(&file(out, cell)).filter(|answer| answer.made_by == made_by())?;
+    (known_truth(out, cell)?.fingerprint() == answer.truth).then_some(answer)
 }
 
 /// Whether an earlier run found that there is no such cell.
 pub fn was_left_out(out: &Path, cell: &Cell) -> bool {
-    let truth = truth::read(&out.join("truths"), &cell.truth());
-    truth.is_ok_and(|truth| truth.is_some_and(|truth| truth.missing.is_some()))
+    known_truth(out, cell).is_some_and(|truth| truth.missing.is_some())
+}
+
+fn known_truth(out: &Path, cell: &Cell) -> Option<Truth> {
+    truth::read(&out.join("truths"), &cell.truth()).ok().flatten()
 }
 
 /// What was answered.
@@ -244,7 +251,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
                 ..plain
             }
         }
-        Err(error) => failed(cell, error.to_string(), start.elapsed().as_secs_f64()),
+        Err(error) => failed(cell, truth, error.to_string(), start.elapsed().as_secs_f64()),
     }
 }
 
@@ -275,9 +282,10 @@ fn errors_mm([before, after]: [ResidualSummary; 2]) -> [f64; 3] {
     [before.rms_mm, after.rms_mm, after.floor_mm]
 }
 
-fn failed(cell: &Cell, words: String, wall_s: f64) -> Answer {
+fn failed(cell: &Cell, truth: &Truth, words: String, wall_s: f64) -> Answer {
     Answer {
         made_by: made_by(),
+        truth: truth.fingerprint(),
         cell: cell.clone(),
         said: Said::Failed,
         words,
@@ -316,6 +324,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     let errors_mm = |left: [&Evaluation; 2]| errors_mm(left.map(ResidualSummary::of));
     Answer {
         made_by: made_by(),
+        truth: truth.fingerprint(),
         cell: cell.clone(),
         said,
         words: outcome.verdict.to_string(),
@@ -382,4 +391,41 @@ fn values(truth: &Truth, outcome: &Outcome) -> Vec<Value> {
         }
     }
     list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tally::tests::answer;
+    use super::*;
+
+    /// The rod had been mended and its truths made anew; answers to the old ones still counted.
+    #[test]
+    fn an_answer_counts_for_the_truth_that_it_answers() {
+        let out = tempfile::tempdir().unwrap();
+        let plain = answer(&["tip_mass"], 5.0, &["tip_mass"], &[]);
+        let cell = &plain.cell;
+        let mut truth = Truth {
+            revision: crate::sim::REVISION,
+            reality_revision: 0,
+            key: cell.truth(),
+            young_pa: 1e6,
+            parts: Vec::new(),
+            missing: None,
+            tracks: vec![vec![vec![[0.1, 0.2, 0.3]]]],
+        };
+        let known = Answer {
+            made_by: made_by(),
+            truth: truth.fingerprint(),
+            ..plain.clone()
+        };
+        let write = |path: PathBuf, bytes: Vec<u8>| write_whole(&path, &bytes).unwrap();
+        write(file(out.path(), cell), serde_json::to_vec(&known).unwrap());
+        assert_eq!(answered(out.path(), cell), None, "its truth is not there");
+        let truths = truth::file(&out.path().join("truths"), &truth.key);
+        write(truths.clone(), serde_json::to_vec(&truth).unwrap());
+        assert_eq!(answered(out.path(), cell), Some(known));
+        truth.tracks[0][0][0][2] = 0.4;
+        write(truths, serde_json::to_vec(&truth).unwrap());
+        assert_eq!(answered(out.path(), cell), None, "another truth");
+    }
 }

@@ -53,6 +53,9 @@ pub struct Truth {
     /// [`crate::sim::REVISION`] of the simulator that played it or, for another reality, found the sizes of its causes.
     #[serde(default)]
     pub revision: u32,
+    /// [`Reality::revision`] of the one that played it.
+    #[serde(default)]
+    pub reality_revision: u32,
     /// Which one.
     pub key: TruthKey,
     /// Young's modulus, Pa.
@@ -63,6 +66,16 @@ pub struct Truth {
     pub missing: Option<String>,
     /// Where the markers were, m: per motion that was [`played`], frame and marker.
     pub tracks: Vec<Track>,
+}
+
+impl Truth {
+    /// By which an answer knows what it answers.
+    ///
+    /// # Panics
+    /// Never: what was read or played can be written.
+    pub fn fingerprint(&self) -> u64 {
+        Fnv64::of(&serde_json::to_vec(self).expect("a truth can be written"))
+    }
 }
 
 /// The file of a truth.
@@ -88,12 +101,12 @@ pub fn read(folder: &Path, key: &TruthKey) -> anyhow::Result<Option<Truth>> {
     Ok((truth.revision == REVISION).then_some(truth))
 }
 
-/// Makes a truth and writes it, unless it is there.
+/// Makes a truth and writes it, unless it is there as this reality plays it.
 ///
 /// # Errors
 /// The rope without a cause cannot be moved or fitted, or the file cannot be written.
 pub fn make(reality: &dyn Reality, key: &TruthKey, folder: &Path) -> anyhow::Result<Truth> {
-    if let Some(truth) = read(folder, key)? {
+    if let Some(truth) = read(folder, key)?.filter(|truth| truth.reality_revision == reality.revision()) {
         return Ok(truth);
     }
     let truth = play(reality, key)?;
@@ -106,6 +119,7 @@ fn play(reality: &dyn Reality, key: &TruthKey) -> anyhow::Result<Truth> {
     let failed = |error: String| anyhow!("{}: {error}", key.name());
     let mut truth = Truth {
         revision: REVISION,
+        reality_revision: reality.revision(),
         key: key.clone(),
         young_pa,
         parts: Vec::new(),

@@ -1,9 +1,9 @@
 //! `offline bench-diagnosis`: how often the diagnosis is right.
 
-use super::BenchDiagnosisArguments;
 use super::output::print;
 use super::progress::Reporter;
 use super::runs::set_threads;
+use super::{BenchDiagnosisArguments, WrongUse};
 use anyhow::Context;
 use offline::bench_diagnosis::cells::{Cell, Extent};
 use offline::bench_diagnosis::{chosen, counted, questions, run, table};
@@ -20,11 +20,13 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         first_seed: arguments.first_seed,
     };
     let mut chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
-    anyhow::ensure!(
-        !chosen.is_empty(),
-        "no cell's name contains any of {:?}: look at the names with --list",
-        arguments.only
-    );
+    if chosen.is_empty() {
+        return Err(WrongUse(format!(
+            "no cell's name contains any of {:?}: look at the names with --list",
+            arguments.only
+        ))
+        .into());
+    }
     if arguments.list {
         let names: Vec<String> = chosen.iter().map(Cell::name).collect();
         return print(if json {
@@ -42,7 +44,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         let others = rest.iter().filter(|cell| run::file(out, cell).exists()).count();
         if others > 0 {
             reporter.say(&format!(
-                "{others} answers are of another version of the program and not counted"
+                "{others} answers are of another version of the program, or to truths that are there no more, and not counted"
             ));
         }
     }

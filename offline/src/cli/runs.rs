@@ -1,8 +1,8 @@
 //! `offline run` and the commands that stop earlier.
 
-use super::RunArguments;
 use super::output::{command_line, note, print};
 use super::progress::Reporter;
+use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::{DatasetSummary, Progress, Watch};
@@ -10,9 +10,10 @@ use offline::diagnose::Advice;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
+use offline::model_file::ModelFile;
 use offline::pipeline::{
     Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, fit, freeze_policy,
-    identify, learn, profile, refuse_unswingable, rollouts,
+    identify, learn, profile, refuse_unnameable, refuse_unswingable, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -53,6 +54,9 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .unwrap_or_else(|| Path::new("runs").join(&name));
     let run = RunFolder::open(&out)?;
     let _held = run.hold()?;
+    if arguments.demo.is_empty() {
+        refuse_anothers(&run, &inputs)?;
+    }
     let job = Job {
         run,
         inputs,
@@ -60,10 +64,12 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         arguments,
         reporter,
     };
-    let (mut summary, dataset) = if last == Stage::Fit {
-        (job.fit()?, None)
+    let (mut summary, dataset, wrote) = if last == Stage::Fit {
+        let (summary, wrote) = job.fit()?;
+        (summary, None, wrote)
     } else {
-        job.beyond_fit(last)?
+        let (summary, dataset) = job.beyond_fit(last)?;
+        (summary, dataset, true)
     };
     let blob = job.run.blob();
     match stale(&job.run) {
@@ -71,7 +77,10 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         None => summary.blob = blob.exists().then(|| blob.display().to_string()),
     }
     summary.wall_s = job.reporter.elapsed_s();
-    finish(&summary, dataset, (&job, last), json)
+    if wrote {
+        record(&summary, dataset, (&job, last))?;
+    }
+    tell(&summary, json)
 }
 
 /// What a command works on.
@@ -84,9 +93,9 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// The base model's fit alone.
-    fn fit(&self) -> anyhow::Result<Summary> {
-        let base = fit(&self.inputs, &self.settings, &self.run, &|line| {
+    /// The base model's fit alone, and whether it left files.
+    fn fit(&self) -> anyhow::Result<(Summary, bool)> {
+        let (base, wrote) = fit(&self.inputs, &self.settings, &self.run, &|line| {
             self.reporter.say(line)
         })?;
         let estimates = base.estimates();
@@ -105,10 +114,11 @@ impl Job<'_> {
             noise_scale: base.noise_scale,
         };
         let profiles = self.profiles(&of, &self.run.base_profile())?;
-        Ok(Summary {
+        let summary = Summary {
             profiles,
             ..self.summary(NOT_DIAGNOSED, (Vec::new(), estimates), [&base.held_out; 2])
-        })
+        };
+        Ok((summary, wrote))
     }
 
     /// Intervals by profile likelihood, where they are asked for or there already.
@@ -323,6 +333,8 @@ fn catch_interrupt() -> anyhow::Result<()> {
 
 /// Demonstrations to fit, demonstrations to judge by, and the rope's name.
 fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf>, String)> {
+    let given = arguments.name.as_deref().unwrap_or("rope");
+    refuse_unnameable(given, arguments.demo.len()).map_err(|error| WrongUse(error.to_string()))?;
     if arguments.demo.is_empty() {
         let [fit, judges @ ..] = shipped()?;
         let name = arguments.name.clone().unwrap_or_else(|| "sample-rope".into());
@@ -338,6 +350,29 @@ fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf
         .or_else(of_parent)
         .unwrap_or_else(|| "rope".into());
     Ok((arguments.demo.clone(), arguments.held_out.clone(), name))
+}
+
+/// Refuses to go on with the sample rope in the folder of another rope's run, whose demonstrations nobody named: its model
+/// and policy would become the sample rope's.
+fn refuse_anothers(run: &RunFolder, inputs: &Inputs) -> anyhow::Result<()> {
+    // What cannot be read is no run to lose.
+    let Ok(model) = ModelFile::load(&run.model()) else {
+        return Ok(());
+    };
+    let own = inputs.of_model(&model);
+    let named = |held_out: bool| -> String {
+        let scenes = model.scene.iter().filter(|scene| scene.held_out == held_out);
+        scenes.map(|scene| format!(" {}", scene.demo)).collect()
+    };
+    anyhow::ensure!(
+        own,
+        "{} is a run of other recordings (fitted:{}; held out:{}): name them again with --demo and --held-out, or give the \
+         sample rope another folder with --out",
+        run.path().display(),
+        named(false),
+        named(true)
+    );
+    Ok(())
 }
 
 /// Folders of the demonstrations that ship with the program, the one to fit first.
@@ -454,13 +489,8 @@ fn say_learned(learned: &Learned, reporter: &Reporter) {
     ));
 }
 
-/// Writes `run.json` and prints where everything is.
-fn finish(
-    summary: &Summary,
-    dataset: Option<u64>,
-    (job, last): (&Job, Stage),
-    json: bool,
-) -> anyhow::Result<()> {
+/// Writes `run.json`.
+fn record(summary: &Summary, dataset: Option<u64>, (job, last): (&Job, Stage)) -> anyhow::Result<()> {
     let record = serde_json::json!({
         "command": command_line(),
         "program": PROGRAM,
@@ -477,6 +507,11 @@ fn finish(
         "summary": summary,
     });
     write_whole(&job.run.record(), &serde_json::to_vec_pretty(&record)?)?;
+    Ok(())
+}
+
+/// Prints what was found or where everything is.
+fn tell(summary: &Summary, json: bool) -> anyhow::Result<()> {
     if json {
         print(serde_json::to_string_pretty(summary)?)?;
     } else {

@@ -1,9 +1,10 @@
 //! Which refits are made side by side, and in which order: the likely effects first.
 
 use super::round::Refit;
-use super::score::{Score, ScoreTable, Subset};
+use super::score::{Score, ScoreTable, Subset, Untested};
 use crate::effects;
-use crate::fit::flows;
+use crate::fit::{FitError, flows};
+use std::sync::Mutex;
 
 /// How many refits of a batch go on after their very first evaluations: those of least cost.
 const GO_ON: usize = 3;
@@ -38,6 +39,33 @@ impl<'c> Batch<'c> {
     pub(super) fn fewer(&self, candidate: &Subset) -> Option<&'c Refit> {
         let fewer = self.had.iter().filter(|refit| candidate.has_more_than(refit));
         fewer.min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+}
+
+/// Effects whose refit could not be simulated, and why: the likeliest cause must not be missing without a word.
+#[derive(Default)]
+pub(super) struct Failures(Mutex<Vec<Untested>>);
+
+impl Failures {
+    /// What a refit came to; nothing where it failed. Of several effects together each may well have one of its own.
+    pub(super) fn heard<T>(&self, candidate: &Subset, result: Result<T, FitError>) -> Option<T> {
+        if let (Err(error), [id]) = (&result, candidate.ids.as_slice()) {
+            let mut all = self.0.lock().expect("no thread panics with it");
+            all.push(Untested {
+                id: id.clone(),
+                why: error.to_string(),
+            });
+        }
+        result.ok()
+    }
+
+    /// Those without any of these refits, each once.
+    pub(super) fn without(self, refits: &[Refit]) -> Vec<Untested> {
+        let mut all = self.0.into_inner().expect("no thread panics with it");
+        all.retain(|failed| refits.iter().all(|refit| refit.ids != [failed.id.as_str()]));
+        all.sort_by(|a, b| a.id.cmp(&b.id));
+        all.dedup_by(|a, b| a.id == b.id);
+        all
     }
 }
 

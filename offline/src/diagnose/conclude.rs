@@ -50,6 +50,8 @@ pub(super) struct HeldOut {
     pub after: ResidualSummary,
     /// As [`super::noise::Noise::doubt`] says.
     pub doubt: f64,
+    /// Root mean square of the simulation's own error there, mm.
+    pub numerical_mm: f64,
     /// Root mean square of what the standard errors of the final model's parameters let expect there, mm.
     pub uncertain_mm: f64,
 }
@@ -61,12 +63,12 @@ impl HeldOut {
     /// Whether a model is right where it was not fitted too: it leaves noise, the simulation's own error and what its
     /// parameters may be off by, or next to nothing of what the base model leaves. A stand-in that follows one motion
     /// does not follow another.
-    fn foreseen(&self, numerical_mm: f64) -> bool {
-        let allowed_mm = numerical_mm.hypot(ERRORS_ALLOWED * self.uncertain_mm);
+    fn foreseen(&self) -> bool {
+        let allowed_mm = self.numerical_mm.hypot(ERRORS_ALLOWED * self.uncertain_mm);
         accounted_for(
             [&self.before, &self.after],
             self.doubt,
-            [numerical_mm, allowed_mm],
+            [self.numerical_mm, allowed_mm],
             NEARLY_ALL_HELD_OUT,
         )
     }
@@ -153,7 +155,7 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
             ReasonCode::Partial
         });
     }
-    let foreseen = facts.held_out.foreseen(numerical_mm);
+    let foreseen = facts.held_out.foreseen();
     if !foreseen {
         reasons.push(ReasonCode::HeldOutLeft);
     }
@@ -357,6 +359,7 @@ pub(super) mod tests {
                 before: left(held_out_m[0]),
                 after: left(held_out_m[1]),
                 doubt: 0.0,
+                numerical_mm: discretisation_mm,
                 uncertain_mm,
             },
             estimates: &estimates(&fitted.best, structure),

@@ -74,16 +74,34 @@ impl Noise {
                 (r, variance, likelihood)
             })
             .max_by(|a, b| a.2.total_cmp(&b.2))?;
-        let along_rope = neighbours(series, in_time);
         let free: f64 = series.iter().map(|s| s.offsets.len() as f64 - 1.0).sum();
+        if variance.sqrt() < LEAST_SCALE {
+            // What is left there is rounding or creep: how it hangs together says nothing of the noise.
+            return Some(Self {
+                scale: LEAST_SCALE,
+                values: free,
+                ..Self::DECLARED
+            });
+        }
+        let along_rope = neighbours(series, in_time);
         Some(Self {
-            scale: variance.sqrt().max(LEAST_SCALE),
+            scale: variance.sqrt(),
             in_time,
             along_rope,
             // The correlation in time is found from the same values, which makes the size as uncertain as if they were
             // not told apart.
             values: free * independent(in_time) * independent(along_rope),
         })
+    }
+
+    /// The same with every offset on its own.
+    pub fn as_if_independent(self) -> Self {
+        Self {
+            in_time: 0.0,
+            along_rope: 0.0,
+            values: self.values / (independent(self.in_time) * independent(self.along_rope)),
+            ..self
+        }
     }
 
     /// By how much of its square the noise floor may lie too low under so many offsets: both mean squares are of few
@@ -363,12 +381,19 @@ mod tests {
     /// A rope that is seen at rest without any noise is no proof that it is seen so in motion.
     #[test]
     fn rest_proves_no_less_than_a_tenth_of_the_declared_noise() {
-        let scale = |noise_m: f64| {
-            let noise = correlated(FRAMES, STATIONS, noise_m, [0.0, 0.0], 3);
-            let noise = Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS));
-            noise.expect("frames at rest").scale
+        let found = |noise_m: f64, drift_m: f64| {
+            let mut noise = correlated(FRAMES, STATIONS, noise_m, [0.0, 0.0], 3);
+            for (frame, stations) in noise.iter_mut().enumerate() {
+                stations
+                    .iter_mut()
+                    .for_each(|offset| offset[0] += drift_m * frame as f64);
+            }
+            Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS)).expect("frames at rest")
         };
-        assert_eq!(scale(1e-6), 0.1);
+        assert_eq!(found(1e-6, 0.0).scale, 0.1);
+        let creep = found(0.0, 1e-9);
+        assert_eq!([creep.scale, creep.in_time, creep.along_rope], [0.1, 0.0, 0.0]);
+        let scale = |noise_m: f64| found(noise_m, 0.0).scale;
         assert!((scale(0.0005) - 0.5).abs() < 0.05);
     }
 

@@ -1,6 +1,6 @@
 //! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
-use super::batch::{Batch, batches};
+use super::batch::{Batch, Failures, batches};
 use super::choice::{Standing, Tried};
 use super::conclude::{NEARLY_ALL_HELD_OUT, explains};
 use super::gates::{
@@ -51,6 +51,8 @@ pub(super) struct Refits<'a> {
     /// The likely effects, the others that are worth it, and those of slight score.
     batches: [Vec<Subset>; 3],
     options: &'a LoopOptions,
+    /// Effects that these demonstrations could not be refitted with.
+    pub(super) failures: Failures,
 }
 
 /// What a refit adds and the descent with it.
@@ -71,6 +73,7 @@ impl<'a> Refits<'a> {
             batches: batches(table, options.refits)
                 .map(|scores| scores.into_iter().map(Subset::from).collect()),
             options,
+            failures: Failures::default(),
         }
     }
 
@@ -219,7 +222,7 @@ impl<'a> Refits<'a> {
         };
         let started = |candidate| {
             let descent = self.started(candidate, batch, budget(candidate, sprint));
-            Some((candidate, descent.ok()?))
+            Some((candidate, self.failures.heard(candidate, descent)?))
         };
         let mut runners: Vec<Runner> = candidates.par_iter().filter_map(started).collect();
         if candidates.len() <= go_on {
@@ -372,7 +375,8 @@ impl<'a> Refits<'a> {
                 descent.finish()
             };
         let next = candidate.added_to(&self.now.structure);
-        let held_out = self.bench.held_out.residuals(&next, &fitted.best.theta).ok()?;
+        let held_out = self.bench.held_out.residuals(&next, &fitted.best.theta);
+        let held_out = self.failures.heard(candidate, held_out)?;
         let mut refit = Refit {
             ids: candidate.ids.clone(),
             parameters: estimates(&fitted.best, &next).split_off(self.told.len()),

@@ -5,9 +5,9 @@ use super::gates::Gate;
 use super::memory::KeptModel;
 use super::refits::Refits;
 use super::rounds::{Bench, LoopOptions, Part};
-use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested};
+use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested, discretisation_mm};
 use crate::effects;
-use crate::fit::{FitError, Library, along_rows, grid_errors};
+use crate::fit::{FitError, Library, grid_errors, over_noise};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
@@ -100,7 +100,7 @@ pub(super) fn one_round(
 ) -> Result<Turn, FitError> {
     let (structure, fitted) = (&now.structure, &now.fitted);
     progress("scoring every effect of the library from one pass of tangents");
-    let (table, library) = score(bench, structure, &fitted.best.theta, options)?;
+    let (mut table, library) = score(bench, structure, &fitted.best.theta, options)?;
     tell(&table, progress);
     let candidates = Refits::new(bench, now, &table, options);
     let mut choice = Choice::default();
@@ -118,6 +118,8 @@ pub(super) fn one_round(
             choice.among(bench, now, together, options, progress);
         }
     }
+    let failures = candidates.failures.without(&choice.refits);
+    table.untested.extend(failures);
     let (accepted, next) = choice.accepted.unzip();
     let round = Round {
         known: structure.ids(),
@@ -170,11 +172,11 @@ fn score(
     );
     let (library, difference) = (library?, difference?);
     let evaluation = &library.evaluation;
-    let errors = along_rows(evaluation, &difference);
-    let sigmas: Vec<f64> = evaluation.all_rows().map(|r| r.sigma_m).collect();
+    let errors = over_noise(evaluation, &difference);
     let nuisances = options.without != Some(Part::Nuisances);
     let problem = ScoreProblem::new(evaluation, &library.structure, structure, &bench.noise, nuisances);
-    let mut table = problem.table(&errors, &sigmas, options.seed);
+    let discretisation_mm = discretisation_mm(evaluation, structure, &errors);
+    let mut table = problem.table(errors, discretisation_mm, options.seed);
     table.untested = untold
         .into_iter()
         .chain(

@@ -5,13 +5,14 @@ use super::conclude::{Facts, HeldOut, conclude};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;
+use super::score::discretisation_mm;
 use super::verdict::{ReasonCode, Verdict};
 use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
     Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, covariance,
-    estimates_within, fit, fit_from, grid_shift,
+    estimates_within, fit, fit_from, grid_errors, grid_shift, over_noise,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -139,6 +140,8 @@ pub(super) struct Bench<'a> {
     pub(super) fit: Problem<'a>,
     pub(super) held_out: Problem<'a>,
     pub(super) finer: Problem<'a>,
+    /// The finer grid where it judges.
+    held_out_finer: Problem<'a>,
     pub(super) noise: Noise,
 }
 
@@ -149,11 +152,12 @@ impl<'a> Bench<'a> {
         options: &LoopOptions,
     ) -> Result<Self, FitError> {
         let (fit, held_out) = problems(demos, held_out, options)?;
-        let finer = Problem::new(demos, options.finer)?.of_share(fit.frames);
+        let finer = |of: &Problem<'a>| Ok(Problem::new(&of.demos, options.finer)?.of_share(of.frames));
         Ok(Self {
+            finer: finer(&fit)?,
+            held_out_finer: finer(&held_out)?,
             fit,
             held_out,
-            finer,
             noise: Noise::DECLARED,
         })
     }
@@ -169,43 +173,48 @@ impl<'a> Bench<'a> {
         [before, after]: [&Evaluation; 2],
         (structure, fitted): (&Structure, &FitResult),
     ) -> HeldOut {
+        // Where slopes or the finer grid cannot be had, neither excuses anything.
+        let [numerical_mm, uncertain_mm] = self.excused_mm(structure, fitted).unwrap_or_default();
         HeldOut {
             before: ResidualSummary::of(before),
             after: ResidualSummary::of(after),
             doubt: self.doubt(after),
-            // Where slopes cannot be had, parameters excuse nothing.
-            uncertain_mm: self.uncertain_mm(structure, fitted).unwrap_or(0.0),
+            numerical_mm,
+            uncertain_mm,
         }
     }
 
-    /// Root mean square of what the parameters' standard errors let expect where held out, mm: of g Σ gᵀ over the
-    /// slopes g of all offsets.
-    fn uncertain_mm(&self, structure: &Structure, fitted: &FitResult) -> Result<f64, FitError> {
-        let there = self.held_out.evaluate(structure, &fitted.best.theta)?;
+    /// Root mean squares of what a right model may leave where held out, mm: of the simulation's own error that its
+    /// parameters do not follow, and of what their standard errors let expect, g Σ gᵀ over the slopes g of all offsets.
+    fn excused_mm(&self, structure: &Structure, fitted: &FitResult) -> Result<[f64; 2], FitError> {
+        let theta = &fitted.best.theta;
+        let there = self.held_out.evaluate(structure, theta)?;
+        let errors = grid_errors([&self.held_out, &self.held_out_finer], structure, theta)?;
         let spread = &there.jacobian * covariance(&fitted.best, structure);
         let mean = spread.component_mul(&there.jacobian).sum() / there.len() as f64;
-        Ok(1e3 * mean.max(0.0).sqrt())
+        Ok([
+            discretisation_mm(&there, structure, &over_noise(&there, &errors)),
+            1e3 * mean.max(0.0).sqrt(),
+        ])
     }
 
     /// Every model is sought near the base model's best, where ropes hang.
     fn settle(&mut self, theta: &[f64]) -> Result<(), FitError> {
         let base = Structure::default();
         self.fit = self.fit.settled(&base, theta)?;
-        for other in [&mut self.held_out, &mut self.finer] {
+        for other in [&mut self.held_out, &mut self.finer, &mut self.held_out_finer] {
             *other = other.settled_near(&self.fit, &base, theta)?;
         }
         Ok(())
     }
 
     fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
-        for problem in [&mut self.fit, &mut self.held_out, &mut self.finer] {
+        let of_held_out = [&mut self.held_out, &mut self.held_out_finer];
+        for problem in [&mut self.fit, &mut self.finer].into_iter().chain(of_held_out) {
             problem.noise_scale = noise.scale;
         }
         self.noise = if options.without == Some(Part::Whitening) {
-            Noise {
-                scale: noise.scale,
-                ..Noise::DECLARED
-            }
+            noise.as_if_independent()
         } else {
             noise
         };

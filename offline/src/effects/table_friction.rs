@@ -1,4 +1,4 @@
-//! Friction with the table other than declared: the Coulomb coefficient becomes μ + Δμ.
+//! Friction with the table other than declared: the Coulomb coefficient becomes μ + Δμ, at least nothing.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::{Physics, Real};
@@ -7,7 +7,7 @@ use crate::sim::{Physics, Real};
 pub const SPEC: EffectSpec = EffectSpec {
     id: "table_friction",
     title: "table friction",
-    equation: "|f_t| ≤ (μ + Δμ) f_n",
+    equation: "|f_t| ≤ max(μ + Δμ, 0) f_n",
     source: "Coulomb's law; the declared μ stands in demo.toml",
     nuisance: false,
     of_the_rig: false,
@@ -20,12 +20,18 @@ pub const SPEC: EffectSpec = EffectSpec {
         low: -0.5,
         high: 1.0,
         smallest_of_interest: 0.1,
-        slope: Slope::Tangent,
+        slope: Slope::SecantNearZero,
         sideways: false,
     }],
 };
 
 /// Adds the effect to a physics.
 pub fn add_to<T: Real>(values: &[T], physics: &mut Physics<T>) {
-    physics.friction += values[0];
+    let changed = physics.friction + values[0];
+    // Also where there is no table, whose friction counts as none: what was less than declared elsewhere stays possible.
+    physics.friction = if changed.value() < 0.0 {
+        T::of(0.0)
+    } else {
+        changed
+    };
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// How alike neighbouring residuals are, and what that does to their information.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Correlation {
-    /// Between successive frames at one station.
+    /// Between successive frames that were seen, at one station.
     pub in_time: f64,
     /// Between neighbouring stations of one frame.
     pub along_rope: f64,
@@ -25,9 +25,15 @@ impl Correlation {
             for (i, a) in rows.iter().enumerate() {
                 let ra = a.offset_m / a.sigma_m;
                 square += ra * ra;
-                for b in rows[i + 1..].iter().take_while(|b| b.frame <= a.frame + 1) {
+                let others = &rows[i + 1..];
+                // Of what is held out of poses, or where a frame is lost, the next is not the one that follows.
+                let next = others.iter().map(|b| b.frame).find(|&frame| frame > a.frame);
+                for b in others
+                    .iter()
+                    .take_while(|b| b.frame == a.frame || Some(b.frame) == next)
+                {
                     let neighbours = [
-                        b.frame == a.frame + 1 && b.station == a.station,
+                        Some(b.frame) == next && b.station == a.station,
                         b.frame == a.frame && b.station.abs_diff(a.station) == 1,
                     ];
                     // Rows are compared as vectors: parts along different directions do not mix.
@@ -90,12 +96,19 @@ impl Correlation {
     }
 }
 
-/// The sum of [`Correlation::gradient_covariance`] over one demonstration, as vectors at the places that were seen: the correlation is a product of one in time
-/// and one along the rope, and each is two passes of a filter.
+/// The sum of [`Correlation::gradient_covariance`] over one demonstration, as vectors at the places that were seen: the
+/// correlation is a product of one in time and one along the rope, and each is two passes of a filter.
 fn of_demonstration(rows: &[Row], gradients: &DMatrix<f64>, correlation: &Correlation) -> DMatrix<f64> {
-    let count = |index: fn(&Row) -> usize| rows.iter().map(index).max().map_or(0, |last| last + 1);
-    let (frames, stations) = (count(|row| row.frame), count(|row| row.station));
-    let place = |row: &Row, axis: usize| (row.frame * stations + row.station) * 3 + axis;
+    let mut seen_in: Vec<usize> = rows.iter().map(|row| row.frame).collect();
+    seen_in.dedup();
+    let frames = seen_in.len();
+    let stations = rows.iter().map(|row| row.station + 1).max().unwrap_or(0);
+    let place = |row: &Row, axis: usize| {
+        let frame = seen_in
+            .binary_search(&row.frame)
+            .expect("rows are in the order of frames");
+        (frame * stations + row.station) * 3 + axis
+    };
     let n = gradients.ncols();
     let mut seen = DMatrix::zeros(frames * stations * 3, n);
     for (i, row) in rows.iter().enumerate() {
@@ -193,6 +206,24 @@ mod tests {
             rows: vec![rows],
             jacobian,
         }
+    }
+
+    /// Of three poses one is held out: none of those is another's neighbour.
+    #[test]
+    fn the_next_pose_is_the_next_that_was_seen() {
+        let mut all = evaluation(1);
+        let mut every_third = all.clone();
+        every_third.rows[0]
+            .iter_mut()
+            .for_each(|row| row.frame = 3 * row.frame + 1);
+        assert_eq!(Correlation::of(&every_third), Correlation::of(&all));
+        let covariance_of = |e: &Evaluation| covariance(e, &Structure::default());
+        assert_eq!(covariance_of(&every_third), covariance_of(&all));
+        all.rows[0].retain(|row| row.frame % 3 == 1);
+        assert!(
+            (0.1..0.4).contains(&Correlation::of(&all).in_time),
+            "0.6 to the third is 0.2"
+        );
     }
 
     /// Standard errors are as large as estimates from fresh noise scatter, for both parameters; by the effective sample

@@ -19,7 +19,7 @@ mod uncertainty;
 pub use correlation::Correlation;
 pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use kinds::{flows, turns_in_grip};
-pub use numerical::{FINER, GridError, along_rows, grid_errors, grid_shift};
+pub use numerical::{FINER, GridError, grid_errors, grid_shift, over_noise};
 pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};

@@ -6,6 +6,7 @@ use super::uncertainty::shift_by;
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate};
 use crate::sim::{Rollout, Scene};
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 /// Cells across the rope of a finer grid that tells the simulation's own error, over those of the fit's.
@@ -56,8 +57,15 @@ fn differences(usual: &[Rollout<f32>], other: &[Rollout<f32>], scale: f64) -> Ve
     usual.iter().zip(other).map(of_rollout).collect()
 }
 
-/// The errors along the direction of each row of an evaluation, m.
-pub fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
+/// The errors along the direction of each row of an evaluation, over its standard error.
+pub fn over_noise(evaluation: &Evaluation, errors: &[GridError]) -> DVector<f64> {
+    let along = along_rows(evaluation, errors).into_iter();
+    let over = along.zip(evaluation.all_rows()).map(|(e, row)| e / row.sigma_m);
+    DVector::from_iterator(evaluation.len(), over)
+}
+
+/// The same, m.
+fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
     let mut along = Vec::with_capacity(evaluation.len());
     for (rows, error) in evaluation.rows.iter().zip(errors) {
         along.extend(rows.iter().map(|row| {

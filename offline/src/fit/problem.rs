@@ -44,7 +44,8 @@ pub enum FitError {
     NoStart(String),
     /// Too little was measured.
     #[error(
-        "{demo}: only {rows} offsets could be measured, at least {needed} are needed: check that the clouds show the rope where the clamp path and the length say it is"
+        "{demo}: only {rows} offsets could be measured{}, at least {needed} are needed: {}",
+        .share.in_words(), .share.when_too_few()
     )]
     TooFewRows {
         /// Demonstration.
@@ -53,6 +54,8 @@ pub enum FitError {
         rows: usize,
         /// Number needed.
         needed: usize,
+        /// Which part of it was asked for.
+        share: FrameShare,
     },
 }
 
@@ -461,6 +464,7 @@ impl<'a> Problem<'a> {
                 demo: demo.name.clone(),
                 rows: rows.len(),
                 needed: MIN_ROWS,
+                share: self.frames,
             });
         }
         Ok(rows)

@@ -91,7 +91,7 @@ pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<
 }
 
 /// Fits the base model and writes `fit.json`, `residual.json` and `model.toml`, unless a diagnosis of the same data
-/// has left better ones.
+/// has left better ones; says whether it wrote them.
 ///
 /// # Errors
 /// The base model cannot be fitted, or a file cannot be written.
@@ -100,14 +100,14 @@ pub fn fit(
     settings: &RunSettings,
     run: &RunFolder,
     progress: &dyn Fn(&str),
-) -> anyhow::Result<BaseFit> {
+) -> anyhow::Result<(BaseFit, bool)> {
     let (demos, held_out) = inputs.members();
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let base = fit_only(&demos, &held_out, &options, progress)?;
     let key = inputs.key(settings);
     if super::identify::earlier(run, key).is_some() {
         progress("a diagnosis of the same data is there: its files stay as they are");
-        return Ok(base);
+        return Ok((base, false));
     }
     forget_others(run, progress)?;
     let structure = Structure::default();
@@ -126,7 +126,7 @@ pub fn fit(
     write_whole(&run.fit(), &serde_json::to_vec_pretty(&file)?)?;
     super::identify::save_residual(run, &demos, [&base.fitted; 2])?;
     model.save(&run.model())?;
-    Ok(base)
+    Ok((base, true))
 }
 
 #[cfg(test)]

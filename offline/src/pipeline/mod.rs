@@ -15,7 +15,7 @@ pub use identify::{Identified, identify};
 #[cfg(feature = "train")]
 pub use learn::{Learned, freeze_policy, learn, refuse_unswingable, rollouts};
 pub use profile::{Profiled, profile};
-pub use settings::{Inputs, Preset, RunSettings};
+pub use settings::{Inputs, Preset, RunSettings, refuse_unnameable};
 
 use serde::Serialize;
 

@@ -3,7 +3,8 @@
 use crate::demo::{Demo, files};
 use crate::fit::Resolution;
 use crate::freeze::{bounded, short};
-use crate::run_files::{Fnv64, made_by, read_whole};
+use crate::model_file::ModelFile;
+use crate::run_files::{Fnv64, hex, made_by, read_whole};
 use serde::{Deserialize, Serialize};
 use shared::blob::{MAX_DEMOS, NAME_BYTES};
 use std::path::{Path, PathBuf};
@@ -86,16 +87,7 @@ impl Inputs {
             !demos.is_empty(),
             "no demonstration was given: name at least one folder with --demo"
         );
-        anyhow::ensure!(
-            !name.is_empty(),
-            "the rope's name is empty: give it one with --name"
-        );
-        anyhow::ensure!(
-            !name.contains(['/', '\\']) && !name.contains(char::is_control) && ![".", ".."].contains(&name),
-            "the rope's name is {name:?}, which would not make the name of a folder: give it another with --name"
-        );
-        short::<NAME_BYTES>("rope", name).map_err(|error| anyhow::anyhow!("{error} with --name"))?;
-        bounded::<_, MAX_DEMOS>("demonstrations", demos)?;
+        refuse_unnameable(name, demos.len())?;
         let hashes = |paths: &[PathBuf]| paths.iter().map(|p| hash_folder(p)).collect::<Result<_, _>>();
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Demo>> {
             paths.iter().map(|p| Ok(Demo::load_to_simulate(p)?)).collect()
@@ -133,6 +125,12 @@ impl Inputs {
         told.collect()
     }
 
+    /// Whether a model was fitted to the same demonstrations.
+    pub fn of_model(&self, model: &ModelFile) -> bool {
+        let hashes = self.hashes.iter().map(|&hash| hex(hash));
+        hashes.eq(model.provenance.demos.iter().cloned())
+    }
+
     /// Hash of everything that fit and diagnosis depend on.
     pub(super) fn key(&self, settings: &RunSettings) -> u64 {
         let mut hash = Fnv64::default();
@@ -147,6 +145,24 @@ impl Inputs {
         hash.add(made_by().as_bytes());
         hash.value()
     }
+}
+
+/// Refuses a name that no folder can have, and what a blob has no room for.
+///
+/// # Errors
+/// What is wrong and what to do.
+pub fn refuse_unnameable(name: &str, demos: usize) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        !name.is_empty(),
+        "the rope's name is empty: give it one with --name"
+    );
+    anyhow::ensure!(
+        !name.contains(['/', '\\']) && !name.contains(char::is_control) && ![".", ".."].contains(&name),
+        "the rope's name is {name:?}, which would not make the name of a folder: give it another with --name"
+    );
+    short::<NAME_BYTES>("rope", name).map_err(|error| anyhow::anyhow!("{error} with --name"))?;
+    bounded::<_, MAX_DEMOS>("demonstrations", &vec![(); demos])?;
+    Ok(())
 }
 
 /// Refuses what no fit could use, and what would judge itself.

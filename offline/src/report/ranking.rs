@@ -42,7 +42,8 @@ pub(super) fn not_accepted(rounds: &[Round]) -> Vec<(String, String)> {
         .table
         .scores
         .iter()
-        .filter(|s| !is_accepted(last, &s.id) && gone.iter().all(|(id, _)| *id != s.id));
+        .filter(|s| !is_accepted(last, &s.id) && gone.iter().all(|(id, _)| *id != s.id))
+        .filter(|s| untested(rounds).iter().all(|effect| effect.id != s.id));
     let open = open.map(|score| {
         let passed = |round: &Round| refit(round, from_ref(&score.id)).is_some_and(|refit| refit.passed);
         let (number, round) = match rounds.iter().enumerate().rfind(|(_, round)| passed(round)) {

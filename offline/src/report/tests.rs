@@ -83,6 +83,7 @@ fn view(held_out: bool, mm: f64) -> DemoView {
             times_s: times_s.clone(),
             arcs_m: (0..STATIONS).map(|s| 0.05 * s as f64).collect(),
             offsets_mm: vec![vec![Some([0.0, 0.0, mm]), None, Some([mm, 0.0, 0.0]), None]; FRAMES],
+            noise_mm: 1.0,
         },
         rms_mm: vec![Some(mm); FRAMES],
         floor_mm: vec![Some(1.0); FRAMES],

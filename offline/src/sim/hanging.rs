@@ -10,6 +10,7 @@ use super::start::{Hang, Start};
 use super::statics::{Nodes, Pose, Statics};
 use super::step::Particle;
 use super::tensor::{Mat3, Vec3, add, scaled, sub, zero3};
+use super::time_step::time_step_s;
 use super::track::Track;
 use rayon::prelude::*;
 
@@ -54,8 +55,8 @@ impl<T: Real> Hung<T> {
         };
         let statics = Statics::new(scene, physics);
         let solve = |pose| statics.solve(pose).map_err(SimError::at_start);
-        let first = solve(&hang.poses[0])?;
-        let velocities_m_s = match (&scene.start, hang.poses.get(1)) {
+        let mut first = solve(&hang.poses[0])?;
+        let velocities_m_s: Option<Nodes<T>> = match (&scene.start, hang.poses.get(1)) {
             (Start::Moving(_), Some(pose)) => {
                 let per_s = 1.0 / (pose.t_s - hang.poses[0].t_s);
                 let moved = solve(pose)?.into_iter().zip(&first);
@@ -63,6 +64,13 @@ impl<T: Real> Hung<T> {
             }
             _ => None,
         };
+        if let Some(velocities_m_s) = &velocities_m_s {
+            // Particles are moved by these before the rope is first seen.
+            let dt_s = scene.chosen_step_s(time_step_s(scene, physics))?;
+            for (node, velocity) in first.iter_mut().zip(velocities_m_s) {
+                *node = sub(*node, scaled(*velocity, dt_s));
+            }
+        }
         let particles = 0..scene.layout().particles();
         Ok(Some(Self {
             particles: particles.map(|p| statics.particle(&first, p)).collect(),

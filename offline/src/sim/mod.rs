@@ -112,7 +112,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 6;
+pub const REVISION: u32 = 7;
 
 pub mod adjoint;
 pub mod axial;
@@ -129,6 +129,7 @@ pub mod error;
 mod flow;
 pub mod grid;
 mod hanging;
+mod in_motion;
 pub mod kernel;
 mod lanes;
 mod laws;

@@ -1,6 +1,7 @@
 //! How the rope is when a scene begins, and the poses of scenes that have no time.
 
 use super::curve::{Curve, turned};
+use super::in_motion::first_two;
 use super::legs::Placed;
 use super::rollout::perpendicular;
 use super::rope::RopeShape;
@@ -16,9 +17,7 @@ pub enum Start {
     Straight,
     /// At rest, hanging from its grips.
     Rest(Hang),
-    /// In motion: the shape of the first of two poses, with the velocity that leads to the second. The slope of the
-    /// parabola through three, better in principle, left no less of measured swings (19.5 for 19.2 mm of a rope held at
-    /// both ends, 47.9 for 45.6 mm of a cable).
+    /// In motion: the shape of the first of two poses, with the velocity that leads to the second.
     Moving(Hang),
     /// At rest, each particle where it is said, slice by slice.
     Placed(Vec<Placed>),
@@ -47,7 +46,8 @@ impl Start {
             Observations::Markers(samples) => samples,
             Observations::Clouds(_) => &[],
         };
-        let at = |t_s: f64| -> Vec<&MarkerSample> { markers.iter().filter(|m| m.t_s == t_s).collect() };
+        let at =
+            |t_s: f64| -> Vec<MarkerSample> { markers.iter().filter(|m| m.t_s == t_s).cloned().collect() };
         let builder = Builder {
             rope,
             grips,
@@ -57,10 +57,11 @@ impl Start {
                 .map(|clamp| clamp.direction.unwrap_or(spec.rope.direction))
                 .collect(),
         };
-        let hang = |wanted: &[f64], stiffness_n_m: Option<f64>| {
+        let seen = |times_s: &[f64]| times_s.iter().map(|&t_s| (t_s, at(t_s))).collect();
+        let hang = |wanted: Vec<(f64, Vec<MarkerSample>)>, stiffness_n_m: Option<f64>| {
             let poses: Vec<Pose> = wanted
                 .iter()
-                .map(|&t_s| builder.pose(t_s, &at(t_s), stiffness_n_m))
+                .map(|(t_s, markers)| builder.pose(*t_s, markers, stiffness_n_m))
                 .collect();
             Hang {
                 frames: builder.frames(&poses[0].guess),
@@ -69,10 +70,10 @@ impl Start {
             }
         };
         match (spec.scene, spec.start) {
-            (SceneKind::Static, _) => Self::Poses(hang(&times, None)),
+            (SceneKind::Static, _) => Self::Poses(hang(seen(&times), None)),
             (_, StartState::Straight) => Self::Straight,
             (_, StartState::Rest) => {
-                let mut start = hang(&times[..1], None);
+                let mut start = hang(seen(&times[..1]), None);
                 // The rollout begins at zero, where the clamp may still have been elsewhere than in the first frame: the
                 // markers of that are a guess.
                 start.poses[0].t_s = 0.0;
@@ -81,7 +82,7 @@ impl Start {
             (_, StartState::Moving) => {
                 // A spring gives by the noise when it carries the whole rope.
                 let weight_n = super::physics::GRAVITY_M_S2 * (rope.mass_kg + spec.rope.end_mass_kg);
-                Self::Moving(hang(&times[..times.len().min(2)], Some(weight_n / spec.noise_m)))
+                Self::Moving(hang(first_two(markers, &times), Some(weight_n / spec.noise_m)))
             }
         }
     }
@@ -121,7 +122,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn pose(&self, t_s: f64, markers: &[&MarkerSample], stiffness_n_m: Option<f64>) -> Pose {
+    fn pose(&self, t_s: f64, markers: &[MarkerSample], stiffness_n_m: Option<f64>) -> Pose {
         let length_m = self.rope.length_m;
         let mut knots: Vec<(f64, [f64; 3])> = Vec::new();
         for (index, grip) in self.grips.iter().enumerate() {

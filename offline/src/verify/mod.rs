@@ -1,8 +1,7 @@
 //! The verification suite: the simulator against what is known exactly, one file per family of cases.
 //!
 //! Every tolerance is a constant that was fixed before the first result, from the order of the scheme or
-//! from what the program promises, and stays where it is when a case misses it; `misses.rs` says why one
-//! does. `offline verify` prints the table, writes the plots and fails when a case does.
+//! from what the program promises, and stays where it is when a case misses it. `offline verify` prints the table, writes the plots and fails when a case does.
 
 mod beams;
 mod case;

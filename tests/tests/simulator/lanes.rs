@@ -11,7 +11,8 @@ use offline::sim::clamp::ClampPath;
 use offline::sim::rollout::simulate_one_by_one;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::{Grip, Scene, StepLength, Table};
-use offline::sim::tensor::value3;
+use offline::sim::start::Start;
+use offline::sim::tensor::{norm, sub, value3};
 use offline::sim::{Arithmetic, Cause, Dual, Laned, Physics, Real, Rollout, simulate};
 use offline::verify::setup::{DIAMETER_M, rope};
 use shared::task::SwingTask;
@@ -159,6 +160,25 @@ fn a_lift_with_every_effect_is_the_same() {
         println!("{cells} cells: {double:.1e} m in double, {single:.1e} m in single precision");
         assert!(double < 1e-11, "{double}");
         assert!(single < 2e-5, "{single}");
+    }
+}
+
+/// It was a step ahead: 0.2 mm at 1 m/s.
+#[test]
+fn a_rope_first_seen_in_motion_begins_where_it_was_seen() {
+    let scene = in_motion();
+    let Start::Moving(hang) = &scene.start else {
+        panic!("it moves")
+    };
+    let still = Scene {
+        start: Start::Poses(hang.clone()),
+        ..scene.clone()
+    };
+    let physics = Physics::base(4.0e5, 0.3, 0.4);
+    let [moving, still] = [&scene, &still].map(|scene| simulate(scene, &physics).unwrap());
+    for (a, b) in moving.frames[0].iter().zip(&still.frames[0]) {
+        let apart_m: f64 = norm(sub(*a, *b));
+        assert!(apart_m < 1e-6, "{apart_m} m");
     }
 }
 

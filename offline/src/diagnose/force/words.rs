@@ -8,6 +8,8 @@ use crate::sim::tensor::norm;
 /// Shares and ratios beyond which something is said.
 const MOSTLY: f64 = 0.7;
 const FASTER: f64 = 1.3;
+/// Height above or below the rest of the rope from which on where it pushes is said, m.
+const HIGHER_M: f64 = 0.02;
 
 /// What the force is like. Never a cause.
 pub(super) fn sentence(force: &ResidualForce) -> String {
@@ -51,11 +53,7 @@ pub(super) fn sentence(force: &ResidualForce) -> String {
             "it gives and takes energy".into()
         });
     }
-    if force.speed_ratio >= FASTER {
-        parts.push("it pushes where the rope is fast".into());
-    } else if force.speed_ratio <= 1.0 / FASTER {
-        parts.push("it pushes where the rope is slow".into());
-    }
+    parts.extend(where_it_pushes(force));
     let stable: Vec<String> = force
         .terms
         .iter()
@@ -74,6 +72,24 @@ pub(super) fn sentence(force: &ResidualForce) -> String {
         format!("described best by {}", stable.join(" and by "))
     });
     format!("{}. A hint, not a cause", parts.join("; "))
+}
+
+/// On which of the rope it pushes, where it is not on all alike.
+fn where_it_pushes(force: &ResidualForce) -> Vec<String> {
+    let mut parts = Vec::new();
+    if force.speed_ratio >= FASTER {
+        parts.push("it pushes where the rope is fast".into());
+    } else if force.speed_ratio <= 1.0 / FASTER {
+        parts.push("it pushes where the rope is slow".into());
+    }
+    if force.higher_m.abs() >= HIGHER_M {
+        let side = if force.higher_m > 0.0 { "above" } else { "below" };
+        parts.push(format!(
+            "on the whole it pushes {:.0} mm {side} the middle of the rope",
+            1e3 * force.higher_m.abs()
+        ));
+    }
+    parts
 }
 
 /// Arc length, time and size of the strongest push.
@@ -104,7 +120,7 @@ mod tests {
             static_share: 0.2,
             work_j,
             speed_ratio: 2.0,
-            higher_m: 0.0,
+            higher_m: 0.05,
             terms: vec![TermShare {
                 id: "velocity".into(),
                 words: "a force along the velocity".into(),
@@ -123,6 +139,7 @@ mod tests {
             "80 % of it changes over time",
             "takes energy out of the rope",
             "where the rope is fast",
+            "50 mm above the middle of the rope",
             "a force along the velocity (95 % of the halves",
             "A hint, not a cause",
         ] {

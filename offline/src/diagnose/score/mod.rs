@@ -79,7 +79,7 @@ pub struct ScoreTable {
     /// Effects that would explain the residual together, best first.
     #[serde(default)]
     pub subsets: Vec<Subset>,
-    /// Root mean square of the estimated discretisation error after the base fit, mm.
+    /// Root mean square of the estimated discretisation error that the model's parameters do not follow, mm.
     pub discretisation_mm: f64,
     /// Effects that these demonstrations could not be tried with.
     #[serde(default)]
@@ -125,8 +125,6 @@ const FAMILY_COSINE: f64 = 0.95;
 pub struct ScoreProblem {
     residual: DVector<f64>,
     always: DMatrix<f64>,
-    /// The same columns before the noise's correlation is taken out.
-    coloured: DMatrix<f64>,
     whitener: Whitener,
     always_precision: Vec<f64>,
     /// How many of the columns are parameters of the model; cameras follow.
@@ -157,8 +155,7 @@ impl ScoreProblem {
     ) -> Self {
         let whitener = noise.whitener(wide);
         let residual = whitened_vector(&whitener, wide.whitened());
-        let plain = wide.whitened_jacobian();
-        let jacobian = whitener.apply(&plain);
+        let jacobian = whitener.apply(&wide.whitened_jacobian());
         let info = wide_structure.parameters();
         let n_known = known.parameters().len();
         let cameras = if nuisances {
@@ -166,11 +163,6 @@ impl ScoreProblem {
         } else {
             DMatrix::zeros(wide.len(), 0)
         };
-        let mut coloured = DMatrix::zeros(residual.len(), n_known + cameras.ncols());
-        coloured
-            .columns_mut(0, n_known)
-            .copy_from(&plain.columns(0, n_known));
-        coloured.columns_mut(n_known, cameras.ncols()).copy_from(&cameras);
         let cameras = whitener.apply(&cameras);
         let mut always = DMatrix::zeros(residual.len(), n_known + cameras.ncols());
         always
@@ -207,7 +199,6 @@ impl ScoreProblem {
         Self {
             residual,
             always,
-            coloured,
             whitener,
             always_precision,
             known: n_known,
@@ -233,25 +224,11 @@ impl ScoreProblem {
         })
     }
 
-    /// Scores all candidates. `discretisation_m` is the estimated discretisation error of every row's
-    /// prediction, `sigma_m` the rows' standard errors.
-    pub fn table(&self, discretisation_m: &[f64], sigma_m: &[f64], seed: u64) -> ScoreTable {
+    /// Scores all candidates. `over_noise` is the estimated discretisation error of every row's prediction over the row's
+    /// standard error, `discretisation_mm` what [`discretisation_mm`] makes of it.
+    pub fn table(&self, over_noise: DVector<f64>, discretisation_mm: f64, seed: u64) -> ScoreTable {
         let views = self.views();
-        let over_noise: DVector<f64> = DVector::from_iterator(
-            sigma_m.len(),
-            discretisation_m.iter().zip(sigma_m).map(|(d, s)| d / s),
-        );
-        let plain = Projector::new(self.coloured.clone(), &self.always_precision);
-        let numerical = plain.remove_vector(&over_noise);
         let whitened = whitened_vector(&self.whitener, over_noise);
-        let discretisation_mm = 1e3
-            * (numerical
-                .iter()
-                .zip(sigma_m)
-                .map(|(d, s)| (d * s).powi(2))
-                .sum::<f64>()
-                / sigma_m.len() as f64)
-                .sqrt();
         let thresholds = self.thresholds(&views, &whitened, seed);
         let solved: Vec<Solved> = (0..self.blocks.len())
             .map(|b| Solved::of(&self.blocks[b], &views[self.blocks[b].view()], b))
@@ -504,6 +481,22 @@ impl Normal {
             None => self.precision.iter().map(|p| p.powf(-0.5)).collect(),
         }
     }
+}
+
+/// Root mean square of the simulation's own error, mm, that the parameters of a structure do not follow: `over_noise` holds
+/// it along every row of an evaluation, whose first slopes are theirs, over the row's standard error.
+pub(super) fn discretisation_mm(
+    evaluation: &Evaluation,
+    structure: &Structure,
+    over_noise: &DVector<f64>,
+) -> f64 {
+    let precisions: Vec<f64> = structure.parameters().iter().map(precision).collect();
+    let slopes = evaluation.whitened_jacobian();
+    let own = slopes.columns(0, precisions.len()).into_owned();
+    let left = Projector::new(own, &precisions).remove_vector(over_noise);
+    let rows = evaluation.all_rows().zip(&left);
+    let square: f64 = rows.map(|(row, left)| (row.sigma_m * left).powi(2)).sum();
+    1e3 * (square / evaluation.len() as f64).sqrt()
 }
 
 /// Removes from a vector what the always-free columns explain, their priors taken into account.
