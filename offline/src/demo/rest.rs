@@ -76,7 +76,7 @@ mod tests {
         let sample = |t_s: f64, z_m: f64| {
             let mut sample = ClampSample {
                 t_s,
-                ..demo.clamps[0][0].clone()
+                ..demo.clamps[0][0]
             };
             sample.position_m[2] += z_m;
             sample
