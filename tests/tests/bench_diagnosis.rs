@@ -53,9 +53,8 @@ fn finished_answers_stay_and_missing_ones_are_made_the_same_again() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     let cells = [noisy(2001), noisy(2002)];
-    for cell in &cells {
-        truth::make(&Rod, &cell.truth(), &out.join("truths")).unwrap();
-    }
+    let make = |cell: &Cell| truth::make(&Rod, &cell.truth(), &out.join("truths")).unwrap();
+    let [_, other] = [&cells[0], &cells[1]].map(make);
     let first = run(&cells[..1], out, &|_| {}).unwrap().answers.remove(0);
     assert_eq!(first.said, Said::Nothing, "{first:?}");
 
@@ -63,6 +62,7 @@ fn finished_answers_stay_and_missing_ones_are_made_the_same_again() {
     // of ours leaves it, and has to be made again.
     let marked = Answer {
         cell: cells[1].clone(),
+        truth: other.fingerprint(),
         words: "kept".into(),
         ..first.clone()
     };

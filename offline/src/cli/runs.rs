@@ -360,13 +360,18 @@ fn refuse_anothers(run: &RunFolder, inputs: &Inputs) -> anyhow::Result<()> {
         return Ok(());
     };
     let own = inputs.of_model(&model);
-    let named = |held_out: bool| -> String {
+    let named = |held_out: bool| {
         let scenes = model.scene.iter().filter(|scene| scene.held_out == held_out);
-        scenes.map(|scene| format!(" {}", scene.demo)).collect()
+        let names: Vec<&str> = scenes.map(|scene| scene.demo.as_str()).collect();
+        if names.is_empty() {
+            "none".to_owned()
+        } else {
+            names.join(", ")
+        }
     };
     anyhow::ensure!(
         own,
-        "{} is a run of other recordings (fitted:{}; held out:{}): name them again with --demo and --held-out, or give the \
+        "{} is a run of other recordings (fitted: {}; held out: {}): name them again with --demo and --held-out, or give the \
          sample rope another folder with --out",
         run.path().display(),
         named(false),

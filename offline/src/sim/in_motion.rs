@@ -4,23 +4,33 @@ use crate::demo::MarkerSample;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
-/// How much of a recording tells how it begins, s: short beside a swing, so that the motion is a parabola, long beside the
-/// time between frames, because the noise of two of them over that time is a large velocity. A rope of 0.25 m, seen by 12
-/// markers 200 times a second with 1 mm of noise, started by its first two frames left 2.5 to 7.6 noise floors under its
-/// own parameters.
-const WINDOW_S: f64 = 0.07;
-/// Fewest frames in it from which a parabola tells more than its first two: its slope at the end has more of their noise
-/// than their difference. What was measured at 30 Hz left no less with a parabola through three (19.5 for 19.2 mm of a rope
-/// held at both ends, 47.9 for 45.6 mm of a cable).
-const LEAST_FRAMES: usize = 5;
+/// How much of a recording tells how it begins, s, where its noise is [`USUAL_NOISE_M`]: short enough for a cubic to follow a
+/// swing of 1 Hz to 0.01 m/s, long beside the time between frames, because the noise of two of them over that time is a
+/// large velocity. A rope swung at 1.25 Hz by its clamp, seen by 12 markers 200 times a second with 1 mm of noise, leaves
+/// 1.1 to 1.7 noise floors under its own parameters; started by its first two frames it left 3.4 to 10.
+const USUAL_WINDOW_S: f64 = 0.14;
+/// Noise of markers for which that is best, m.
+const USUAL_NOISE_M: f64 = 1e-3;
+/// How the best window grows with the noise: the slope's noise falls with the power 3/2 of the window, what a cubic cannot
+/// follow grows with the third.
+const WITH_NOISE: f64 = 1.0 / 4.5;
+/// Fewest frames in it from which a cubic tells more than its first two: with fewer its slope at the end has more of their
+/// noise than their difference. What was measured at 30 Hz left no less with a parabola through three (19.5 for 19.2 mm of a
+/// rope held at both ends, 47.9 for 45.6 mm of a cable).
+const LEAST_FRAMES: usize = 8;
 
 /// Markers at the first frame, and where their first velocities would take them by the second, if there is one.
-pub(super) fn first_two(markers: &[MarkerSample], times_s: &[f64]) -> Vec<(f64, Vec<MarkerSample>)> {
+pub(super) fn first_two(
+    markers: &[MarkerSample],
+    times_s: &[f64],
+    noise_m: f64,
+) -> Vec<(f64, Vec<MarkerSample>)> {
     let wanted = &times_s[..times_s.len().min(2)];
+    let window_s = USUAL_WINDOW_S * (noise_m / USUAL_NOISE_M).powf(WITH_NOISE);
     let window: Vec<f64> = times_s
         .iter()
         .copied()
-        .filter(|t_s| t_s - times_s[0] <= WINDOW_S)
+        .filter(|t_s| t_s - times_s[0] <= window_s)
         .collect();
     if window.len() < LEAST_FRAMES {
         let seen_at = |t_s: f64| markers.iter().filter(|m| m.t_s == t_s).cloned().collect();
@@ -46,16 +56,16 @@ pub(super) fn first_two(markers: &[MarkerSample], times_s: &[f64]) -> Vec<(f64, 
     wanted.iter().map(|&t_s| (t_s, at(t_s))).collect()
 }
 
-/// Place, m, and velocity, m/s, at a time of the parabola that fits a track best.
+/// Place, m, and velocity, m/s, at a time of the cubic that fits a track best.
 fn tangent(track: &[&MarkerSample], at_s: f64) -> [[f64; 3]; 2] {
-    let powers = DMatrix::from_fn(track.len(), 3, |i, k| (track[i].t_s - at_s).powi(k as i32));
+    let powers = DMatrix::from_fn(track.len(), 4, |i, k| (track[i].t_s - at_s).powi(k as i32));
     let solver = powers.svd(true, true);
     let mut found = [[0.0; 3]; 2];
     for axis in 0..3 {
         let places = DVector::from_fn(track.len(), |i, _| track[i].position_m[axis]);
-        let parabola = solver.solve(&places, 0.0).expect("both bases are there");
-        found[0][axis] = parabola[0];
-        found[1][axis] = parabola[1];
+        let cubic = solver.solve(&places, 0.0).expect("both bases are there");
+        found[0][axis] = cubic[0];
+        found[1][axis] = cubic[1];
     }
     found
 }
@@ -82,13 +92,13 @@ mod tests {
         (markers.map(sample).collect(), times_s)
     }
 
-    /// On a parabola nothing is lost: the second place lies on its tangent.
+    /// On a cubic nothing is lost: the second place lies on its tangent.
     #[test]
     fn many_frames_tell_the_tangent_at_the_first() {
         let (markers, times_s) = samples(200.0, 30, |t, m| {
-            [m as f64 + 0.5 * t, -3.0 * t * t, 1.0 - t + 5.0 * t * t]
+            [m as f64 + 0.5 * t, -3.0 * t * t, 1.0 - t + 5.0 * t * t * t]
         });
-        let found = first_two(&markers, &times_s);
+        let found = first_two(&markers, &times_s, 1e-3);
         for (t_s, places) in &found {
             assert_eq!(places.len(), 3);
             for (m, sample) in places.iter().enumerate() {
@@ -103,7 +113,7 @@ mod tests {
     #[test]
     fn few_frames_are_taken_as_they_are() {
         let (markers, times_s) = samples(30.0, 30, |t, _| [(40.0 * t).sin(), 0.0, 0.0]);
-        let found = first_two(&markers, &times_s);
+        let found = first_two(&markers, &times_s, 1e-3);
         assert_eq!(found.len(), 2);
         assert_eq!([&found[0].1[..], &found[1].1[..]].concat(), markers[..6]);
     }
@@ -113,10 +123,10 @@ mod tests {
     fn noise_is_a_small_velocity() {
         let noise = crate::bench_diagnosis::noise::correlated(200, 3, 1e-3, [0.0, 0.0], 7);
         let (mut square, mut count) = (0.0, 0);
-        for first in 0..180 {
+        for first in 0..160 {
             let (markers, times_s) =
                 samples(200.0, 20, |t, m| noise[first + (200.0 * t).round() as usize][m]);
-            let [(_, from), (t_s, to)] = &first_two(&markers, &times_s)[..] else {
+            let [(_, from), (t_s, to)] = &first_two(&markers, &times_s, 1e-3)[..] else {
                 panic!("two frames")
             };
             for (a, b) in from.iter().zip(to) {
@@ -125,7 +135,7 @@ mod tests {
             }
         }
         let deviation_m_s = (square / f64::from(count)).sqrt();
-        // The slope of a parabola at the end of 15 frames: σ/Δt·√(12·29·109/(15·224·221)).
-        assert!((deviation_m_s - 0.0452).abs() < 0.01, "{deviation_m_s} m/s");
+        // The slope of a cubic at the end of 29 frames, by its normal equations: 41.3 σ per second.
+        assert!((deviation_m_s - 0.0413).abs() < 0.01, "{deviation_m_s} m/s");
     }
 }

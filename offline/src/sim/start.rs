@@ -82,7 +82,10 @@ impl Start {
             (_, StartState::Moving) => {
                 // A spring gives by the noise when it carries the whole rope.
                 let weight_n = super::physics::GRAVITY_M_S2 * (rope.mass_kg + spec.rope.end_mass_kg);
-                Self::Moving(hang(first_two(markers, &times), Some(weight_n / spec.noise_m)))
+                Self::Moving(hang(
+                    first_two(markers, &times, spec.noise_m),
+                    Some(weight_n / spec.noise_m),
+                ))
             }
         }
     }
