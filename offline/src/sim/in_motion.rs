@@ -123,9 +123,9 @@ mod tests {
     fn noise_is_a_small_velocity() {
         let noise = crate::bench_diagnosis::noise::correlated(200, 3, 1e-3, [0.0, 0.0], 7);
         let (mut square, mut count) = (0.0, 0);
-        for first in 0..160 {
+        for first in 0..150 {
             let (markers, times_s) =
-                samples(200.0, 20, |t, m| noise[first + (200.0 * t).round() as usize][m]);
+                samples(200.0, 40, |t, m| noise[first + (200.0 * t).round() as usize][m]);
             let [(_, from), (t_s, to)] = &first_two(&markers, &times_s, 1e-3)[..] else {
                 panic!("two frames")
             };
