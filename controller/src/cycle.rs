@@ -127,8 +127,6 @@ pub struct Cycle<'a> {
     goal: Option<Goal>,
     /// Whether this turn judged a goal.
     judged: bool,
-    /// Whether a target stands on the blackboard.
-    on_board: bool,
     /// The newest status, while there is no room for it: the last of a swing must not be the one that is lost.
     unsent: Option<Status>,
 }
@@ -144,7 +142,6 @@ impl<'a> Cycle<'a> {
             waiting: None,
             goal: None,
             judged: false,
-            on_board: false,
             unsent: None,
         }
     }
@@ -179,14 +176,13 @@ impl<'a> Cycle<'a> {
             if !self.dry_run {
                 write(target);
                 self.queues.put(&self.queues.targets, *target);
-                self.on_board = true;
             }
             self.last = Some(*target);
         }
-        if self.on_board && !sends_targets(self.controller.phase()) {
+        let withdraws = !self.dry_run && !sends_targets(self.controller.phase());
+        if withdraws && self.last.take().is_some() {
             // A driver that starts later must not send what was for an arm that has been moved since.
             write(&JointTarget::default());
-            self.on_board = false;
         }
         self.send_status(output.status);
         if let Some(records) = &self.queues.records {

@@ -30,6 +30,16 @@ pub struct Row {
     pub sigma_m: f64,
 }
 
+/// Root mean square of the standard errors of rows, m: the error of a perfect model. Nothing of no rows.
+pub fn noise_m<'a>(rows: impl IntoIterator<Item = &'a Row>) -> f64 {
+    let (mut square, mut count) = (0.0, 0usize);
+    for row in rows {
+        square += row.sigma_m * row.sigma_m;
+        count += 1;
+    }
+    (square / count.max(1) as f64).sqrt()
+}
+
 /// Which points of the rope a cloud holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Section {

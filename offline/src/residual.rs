@@ -3,7 +3,7 @@
 
 use crate::demo::Demo;
 use crate::fit::{Correlation, Evaluation};
-use crate::observe::{Row, station_arcs_m};
+use crate::observe::{Row, noise_m, station_arcs_m};
 use serde::{Deserialize, Serialize};
 
 /// Residual of one demonstration on the grid of frames and stations.
@@ -66,13 +66,12 @@ impl ResidualMap {
                 cell[k] += 1e3 * row.offset_m * row.direction[k];
             }
         }
-        let square: f64 = rows.iter().map(|row| row.sigma_m.powi(2)).sum();
         Self {
             demo: demo.name.clone(),
             times_s: times_s.to_vec(),
             arcs_m,
             offsets_mm,
-            noise_mm: 1e3 * (square / rows.len().max(1) as f64).sqrt(),
+            noise_mm: 1e3 * noise_m(rows),
         }
     }
 }

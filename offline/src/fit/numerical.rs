@@ -4,7 +4,7 @@
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::shift_by;
 use crate::model::Structure;
-use crate::observe::{bracket, interpolate};
+use crate::observe::{Row, bracket, interpolate};
 use crate::sim::{Rollout, Scene};
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -59,22 +59,15 @@ fn differences(usual: &[Rollout<f32>], other: &[Rollout<f32>], scale: f64) -> Ve
 
 /// The errors along the direction of each row of an evaluation, over its standard error.
 pub fn over_noise(evaluation: &Evaluation, errors: &[GridError]) -> DVector<f64> {
-    let along = along_rows(evaluation, errors).into_iter();
-    let over = along.zip(evaluation.all_rows()).map(|(e, row)| e / row.sigma_m);
-    DVector::from_iterator(evaluation.len(), over)
-}
-
-/// The same, m.
-fn along_rows(evaluation: &Evaluation, errors: &[GridError]) -> Vec<f64> {
-    let mut along = Vec::with_capacity(evaluation.len());
-    for (rows, error) in evaluation.rows.iter().zip(errors) {
-        along.extend(rows.iter().map(|row| {
-            let frame = &error.frames[row.frame];
-            let error = interpolate(frame, bracket(&error.arcs_m, row.arc_m));
-            (0..3).map(|k| row.direction[k] * error[k]).sum::<f64>()
-        }));
-    }
-    along
+    let of_demo = |(rows, error): (&Vec<Row>, &GridError)| -> Vec<f64> {
+        let along = |row: &Row| {
+            let error = interpolate(&error.frames[row.frame], bracket(&error.arcs_m, row.arc_m));
+            (0..3).map(|k| row.direction[k] * error[k]).sum::<f64>() / row.sigma_m
+        };
+        rows.iter().map(along).collect()
+    };
+    let along: Vec<f64> = evaluation.rows.iter().zip(errors).flat_map(of_demo).collect();
+    DVector::from_vec(along)
 }
 
 /// A change of how a scene is divided that is as good as none.
@@ -109,7 +102,7 @@ pub fn grid_shift(
         let mut other = problem.clone();
         other.scenes.iter_mut().for_each(divide);
         let errors = differences(&usual, &other.predict(structure, theta)?, 1.0);
-        Ok(shift_by(evaluation, structure, &along_rows(evaluation, &errors)))
+        Ok(shift_by(evaluation, structure, &over_noise(evaluation, &errors)))
     };
     let shifts: Vec<Vec<f64>> = DIVISIONS.par_iter().map(shift).collect::<Result<_, FitError>>()?;
     let of_entry = |k: usize| shifts.iter().map(|shift| shift[k].powi(2)).sum::<f64>().sqrt();

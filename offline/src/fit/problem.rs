@@ -8,7 +8,7 @@ use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
 use crate::model::{ParameterInfo, Structure};
-use crate::observe::{Centreline, Row, Section, bracket, measure, most_rows};
+use crate::observe::{Centreline, Row, Section, bracket, measure, most_rows, noise_m};
 use crate::sim::Track;
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
@@ -587,6 +587,6 @@ impl Evaluation {
 
     /// Root mean square of the standard errors, m: the error of a perfect model.
     pub fn floor_m(&self) -> f64 {
-        (self.all_rows().map(|r| r.sigma_m * r.sigma_m).sum::<f64>() / self.len() as f64).sqrt()
+        noise_m(self.all_rows())
     }
 }

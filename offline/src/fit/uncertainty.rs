@@ -111,13 +111,11 @@ fn told(evaluation: &Evaluation) -> DMatrix<f64> {
     }
 }
 
-/// How far errors of the prediction along each row, m, move the optimum, to first order.
-pub fn shift_by(evaluation: &Evaluation, structure: &Structure, errors_m: &[f64]) -> Vec<f64> {
+/// How far errors of the prediction along each row, over its standard error, move the optimum, to first order.
+pub fn shift_by(evaluation: &Evaluation, structure: &Structure, over_noise: &DVector<f64>) -> Vec<f64> {
     let (hessian, _) = normal_equations(evaluation, &structure.parameters());
     let (_, jacobian, weights) = weighted(evaluation);
-    let errors = evaluation.all_rows().zip(errors_m).zip(weights.iter());
-    let errors = errors.map(|((row, error), weight)| weight * error / row.sigma_m);
-    let pull = jacobian.tr_mul(&DVector::from_iterator(errors_m.len(), errors));
+    let pull = jacobian.tr_mul(&weights.component_mul(over_noise));
     let told = told(evaluation);
     match (told.tr_mul(&hessian) * &told).cholesky() {
         Some(factored) => (&told * factored.solve(&told.tr_mul(&pull))).data.into(),

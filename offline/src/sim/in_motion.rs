@@ -19,6 +19,12 @@ const WITH_NOISE: f64 = 1.0 / 4.5;
 /// rope held at both ends, 47.9 for 45.6 mm of a cable).
 const LEAST_FRAMES: usize = 8;
 
+/// Markers as they were seen at these times.
+pub(super) fn seen(markers: &[MarkerSample], times_s: &[f64]) -> Vec<(f64, Vec<MarkerSample>)> {
+    let at = |t_s: f64| markers.iter().filter(|m| m.t_s == t_s).cloned().collect();
+    times_s.iter().map(|&t_s| (t_s, at(t_s))).collect()
+}
+
 /// Markers at the first frame, and where their first velocities would take them by the second, if there is one.
 pub(super) fn first_two(
     markers: &[MarkerSample],
@@ -33,8 +39,7 @@ pub(super) fn first_two(
         .filter(|t_s| t_s - times_s[0] <= window_s)
         .collect();
     if window.len() < LEAST_FRAMES {
-        let seen_at = |t_s: f64| markers.iter().filter(|m| m.t_s == t_s).cloned().collect();
-        return wanted.iter().map(|&t_s| (t_s, seen_at(t_s))).collect();
+        return seen(markers, wanted);
     }
     let mut tracks: BTreeMap<&str, Vec<&MarkerSample>> = BTreeMap::new();
     for sample in markers.iter().filter(|m| window.contains(&m.t_s)) {

@@ -1,7 +1,7 @@
 //! How the rope is when a scene begins, and the poses of scenes that have no time.
 
 use super::curve::{Curve, turned};
-use super::in_motion::first_two;
+use super::in_motion::{first_two, seen};
 use super::legs::Placed;
 use super::rollout::perpendicular;
 use super::rope::RopeShape;
@@ -46,8 +46,6 @@ impl Start {
             Observations::Markers(samples) => samples,
             Observations::Clouds(_) => &[],
         };
-        let at =
-            |t_s: f64| -> Vec<MarkerSample> { markers.iter().filter(|m| m.t_s == t_s).cloned().collect() };
         let builder = Builder {
             rope,
             grips,
@@ -57,7 +55,6 @@ impl Start {
                 .map(|clamp| clamp.direction.unwrap_or(spec.rope.direction))
                 .collect(),
         };
-        let seen = |times_s: &[f64]| times_s.iter().map(|&t_s| (t_s, at(t_s))).collect();
         let hang = |wanted: Vec<(f64, Vec<MarkerSample>)>, stiffness_n_m: Option<f64>| {
             let poses: Vec<Pose> = wanted
                 .iter()
@@ -70,10 +67,10 @@ impl Start {
             }
         };
         match (spec.scene, spec.start) {
-            (SceneKind::Static, _) => Self::Poses(hang(seen(&times), None)),
+            (SceneKind::Static, _) => Self::Poses(hang(seen(markers, &times), None)),
             (_, StartState::Straight) => Self::Straight,
             (_, StartState::Rest) => {
-                let mut start = hang(seen(&times[..1]), None);
+                let mut start = hang(seen(markers, &times[..1]), None);
                 // The rollout begins at zero, where the clamp may still have been elsewhere than in the first frame: the
                 // markers of that are a guess.
                 start.poses[0].t_s = 0.0;
