@@ -27,6 +27,14 @@ pub(super) struct Tried {
     pub(super) cost: f64,
 }
 
+impl Tried {
+    /// How unlikely it is, with so many independent offsets where held out.
+    fn unlikely(&self, rows: f64) -> f64 {
+        let rig_off = rig_off(&self.structure, &self.fitted.best.theta);
+        unlikely(rows, (&self.refit.held_out, rig_off))
+    }
+}
+
 /// A model and what it leaves.
 pub(super) struct Standing {
     /// Its effects.
@@ -150,30 +158,30 @@ pub(super) fn last_gates(
 
 /// Sorts refits, the likeliest first.
 fn sort_by_likelihood(tried: &mut [Tried]) {
-    let Some(rows) = rows_of_best(tried.iter().map(|t| &t.refit.held_out)) else {
-        return;
-    };
-    let unlikely = |t: &Tried| {
-        let rig_off = rig_off(&t.structure, &t.fitted.best.theta);
-        unlikely(rows, (&t.refit.held_out, rig_off))
-    };
-    tried.sort_by(|a, b| unlikely(a).total_cmp(&unlikely(b)));
+    let rows = rows_of_best(tried.iter().map(|t| &t.refit.held_out));
+    tried.sort_by(|a, b| a.unlikely(rows).total_cmp(&b.unlikely(rows)));
+}
+
+/// Which of some refits are likelier than every one that passed.
+pub(super) fn ahead_of_all_that_passed<'t>(tried: impl Iterator<Item = &'t Tried> + Clone) -> Vec<bool> {
+    let rows = rows_of_best(tried.clone().map(|t| &t.refit.held_out));
+    let passed = tried.clone().filter(|t| t.refit.passed);
+    let best = passed.map(|t| t.unlikely(rows)).fold(f64::INFINITY, f64::min);
+    tried.map(|t| t.unlikely(rows) < best).collect()
 }
 
 /// Whether a model is likelier than another.
 pub(super) fn likelier(one: &Standing, other: &Standing) -> bool {
-    let Some(rows) = rows_of_best([&one.held, &other.held].into_iter()) else {
-        return false;
-    };
+    let rows = rows_of_best([&one.held, &other.held].into_iter());
     let unlikely = |m: &Standing| unlikely(rows, (&m.held, rig_off(&m.structure, &m.fitted.best.theta)));
     unlikely(one) < unlikely(other)
 }
 
 /// Independent offsets of the model that leaves least where held out. They count for all alike: what a better model leaves
 /// is less correlated, which is no merit of its offsets.
-fn rows_of_best<'r>(held: impl Iterator<Item = &'r ResidualSummary>) -> Option<f64> {
-    let best = held.min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))?;
-    Some(best.effective_rows)
+fn rows_of_best<'r>(held: impl Iterator<Item = &'r ResidualSummary>) -> f64 {
+    let best = held.min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm));
+    best.map_or(0.0, |best| best.effective_rows)
 }
 
 /// By what a model leaves where held out and by how far off somebody must have set up the rig for it, both as logarithms of

@@ -9,9 +9,10 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 3;
+pub const REVISION: u32 = 4;
 
 mod added;
+mod again;
 mod batch;
 mod choice;
 mod conclude;
@@ -26,6 +27,7 @@ mod rivals;
 mod round;
 mod rounds;
 mod score;
+mod starts;
 mod verdict;
 mod ways;
 

@@ -9,8 +9,9 @@ use super::gates::{
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset};
-use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, YOUNG, estimates};
-use crate::model::{ParameterInfo, Structure};
+use super::starts::{changed, told};
+use crate::fit::{Budget, Descent, FitError, StopReason, estimates};
+use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ pub(super) const REFIT_EVALUATIONS: usize = 24;
 /// Evaluations after which a refit that has come less than half as far as the best is given up.
 const HEAT_EVALUATIONS: usize = 8;
 /// Cost over the least of its rivals at which a refit is given up.
-const HOPELESS: f64 = 2.0;
+pub(super) const HOPELESS: f64 = 2.0;
 /// Cost over the least of its rivals up to which a refit whose evaluations are spent goes on beside the best.
 const NEAR_THE_BEST: f64 = 1.5;
 /// Evaluations after which only so many as a [`Batch`] says go on.
@@ -34,16 +35,12 @@ const SHRINK_EVALUATIONS: usize = 8;
 /// Share of the cost which a refit took away that its prior leaves it on that way. On a real foam rod the damping that
 /// took away a third of the misfit lost half of that.
 const LEAST_KEPT: f64 = 0.9;
-/// Sizes of an effect, as multiples of the one-step estimate, at which refits start again where none explains what is
-/// left.
-const OTHER_SIZES: [f64; 2] = [0.25, 4.0];
-/// Evaluations after which such a start is given up if it has not come further than the first.
-const SECOND_EVALUATIONS: usize = 4;
+
 /// What all refits of a round have in common.
 pub(super) struct Refits<'a> {
-    bench: &'a Bench<'a>,
+    pub(super) bench: &'a Bench<'a>,
     /// The model that lacks an effect.
-    now: &'a Standing,
+    pub(super) now: &'a Standing,
     /// Its parameters where the data told them, and that they did; the prior's centres where they did not: what a model
     /// that lacks an effect makes of the rest, often a value at its bound, is a bad start for one that has it.
     told: Vec<(f64, bool)>,
@@ -98,7 +95,7 @@ impl<'a> Refits<'a> {
             };
             tried.extend(self.batch(&others, progress));
         }
-        tried.into_iter().map(|(_, tried)| tried).collect()
+        self.followed(tried, &Batch::of(&[]), progress)
     }
 
     /// Refits the others alone, for where the finer grid refused what left nothing to them; none where they have had
@@ -109,8 +106,8 @@ impl<'a> Refits<'a> {
             .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
             .cloned()
             .collect();
-        let tried = self.batch(&Batch::of(&others), progress);
-        tried.into_iter().map(|(_, tried)| tried).collect()
+        let others = Batch::of(&others);
+        self.followed(self.batch(&others, progress), &others, progress)
     }
 
     /// Refits the effects of slight score, for where no other is accepted: damping that only a slope at zero makes strong
@@ -121,9 +118,10 @@ impl<'a> Refits<'a> {
             return Vec::new();
         }
         // What failed before is no measure of what is tried because it did.
-        let mut tried = self.batch(&Batch::of(&self.batches[2]), progress);
+        let slight = Batch::of(&self.batches[2]);
+        let mut tried = self.batch(&slight, progress);
         self.restart_where_one_passed(&mut tried);
-        tried.into_iter().map(|(_, tried)| tried).collect()
+        self.followed(tried, &slight, progress)
     }
 
     /// Refits with the best subsets of so many effects, for where no effect passes alone: two causes can hide each other,
@@ -138,8 +136,7 @@ impl<'a> Refits<'a> {
             had,
             ..Batch::of(&subsets)
         };
-        let tried = self.batch(&together, progress);
-        tried.into_iter().map(|(_, tried)| tried).collect()
+        self.followed(self.batch(&together, progress), &together, progress)
     }
 
     /// Refits side by side. None is followed that does not promise to come near the least cost of them and of what was
@@ -197,7 +194,7 @@ impl<'a> Refits<'a> {
     /// explain a good part of what they must, together of what the model leaves, and the last of them of what a refit with
     /// fewer left. Half the share, because the cost of what lies far off grows with the distance, what is explained with
     /// its square.
-    fn worth(&self, candidate: &Subset, batch: &Batch) -> f64 {
+    pub(super) fn worth(&self, candidate: &Subset, batch: &Batch) -> f64 {
         let now = &self.now.fitted;
         let noise = 0.5 * now.best.most_rows as f64;
         let explained =
@@ -239,7 +236,7 @@ impl<'a> Refits<'a> {
     }
 
     /// The other evaluations of a refit, where there is hope that they find the least cost.
-    fn to_the_end(&self, candidate: &Subset, descent: Descent<'a>, batch: &Batch) -> Descent<'a> {
+    pub(super) fn to_the_end(&self, candidate: &Subset, descent: Descent<'a>, batch: &Batch) -> Descent<'a> {
         if descent.cost() > HOPELESS * batch.least {
             return descent;
         }
@@ -286,58 +283,13 @@ impl<'a> Refits<'a> {
     }
 
     /// The model's own parameters where a refit starts, changed so many times as much as a candidate's score says.
-    fn own(&self, candidate: &Subset, times: f64) -> Vec<f64> {
+    pub(super) fn own(&self, candidate: &Subset, times: f64) -> Vec<f64> {
         changed(
             &self.told,
             &self.now.structure.parameters(),
             &candidate.own_change,
             times,
         )
-    }
-
-    /// A refit from other starts where one of them comes to less than the first: that had ended in a local minimum then, or
-    /// was given up for slopes that promised little, as a rest curvature of 5 floors was, which was the cause. None is
-    /// tried for one that came less than half as far as the best.
-    fn restart_elsewhere(&self, candidate: &Subset, cost: f64, batch: &Batch) -> Option<Descent<'a>> {
-        if cost > HOPELESS * batch.least {
-            return None;
-        }
-        let next = candidate.added_to(&self.now.structure);
-        let budget = Budget {
-            evaluations: SECOND_EVALUATIONS,
-            worth: cost.min(self.worth(candidate, batch)),
-        };
-        let others = OTHER_SIZES.par_iter().filter_map(|&size| {
-            let theta = candidate.start(&self.own(candidate, 0.0), size);
-            let start = Descent::at(&self.bench.fit, &next, &theta);
-            Some(start.ok()?.run(budget))
-        });
-        let best = others.min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
-        (best.cost() < cost).then(|| self.to_the_end(candidate, best, batch))
-    }
-
-    /// Refits again from the model's own parameters in the best refit that passed, where they promise to come near its
-    /// cost: the rope that one effect found may be the cause's as well, and the way there from a model that is far off is
-    /// a matter of luck. A tip mass was never found where a density gradient was.
-    fn restart_where_one_passed(&self, tried: &mut [(&Subset, Tried)]) {
-        let passed = tried.iter().map(|(_, t)| t).filter(|t| t.refit.passed);
-        let Some(best) = passed.min_by(|a, b| a.cost.total_cmp(&b.cost)) else {
-            return;
-        };
-        let own = best.fitted.best.theta[..self.now.fitted.best.theta.len()].to_vec();
-        let budget = Budget {
-            evaluations: REFIT_EVALUATIONS,
-            worth: HOPELESS * best.cost,
-        };
-        tried.par_iter_mut().for_each(|(candidate, tried)| {
-            let next = candidate.added_to(&self.now.structure);
-            let start = Descent::at(&self.bench.fit, &next, &candidate.nothing(&own));
-            let again = start.ok().map(|start| start.run(budget));
-            let better = again.filter(|descent| descent.cost() < tried.cost);
-            if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, &Batch::of(&[]))) {
-                *tried = better;
-            }
-        });
     }
 
     /// A refit with what another model, of effects `known`, was extended by, from the sizes that this has in the refit there.
@@ -365,7 +317,7 @@ impl<'a> Refits<'a> {
     }
 
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
-    fn judge(&self, candidate: &Subset, descent: Descent, batch: &Batch) -> Option<Tried> {
+    pub(super) fn judge(&self, candidate: &Subset, descent: Descent, batch: &Batch) -> Option<Tried> {
         let cost = descent.cost();
         // Where the prior holds it, a refit explains no more than here.
         let fitted =
@@ -411,39 +363,6 @@ impl<'a> Refits<'a> {
     }
 }
 
-/// θ of a model where the data told it, the prior's centre where they did not; and whether they did.
-fn told(best: &Evaluation, structure: &Structure) -> Vec<(f64, bool)> {
-    let all = estimates(best, structure);
-    let entries = all.iter().zip(&best.theta).zip(structure.parameters());
-    entries
-        .map(|((estimate, &theta), info)| {
-            let value = if estimate.identified {
-                theta
-            } else {
-                info.prior_mean
-            };
-            (value, estimate.identified)
-        })
-        .collect()
-}
-
-/// θ of which some entries are told, these changed by so many times `change`. Loads and stiffness grow in proportion, so
-/// the change of ln E is taken for that of E itself.
-fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: f64) -> Vec<f64> {
-    let change = change.iter().copied().chain(std::iter::repeat(0.0));
-    let entries = told.iter().zip(info).zip(change).enumerate();
-    entries
-        .map(|(k, ((&(value, told), p), change))| {
-            let change = match (told, times * change) {
-                (false, _) => 0.0,
-                (true, change) if k == YOUNG => change.signum() * change.abs().ln_1p(),
-                (true, change) => change,
-            };
-            (value + change).clamp(p.low, p.high)
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
@@ -451,37 +370,6 @@ mod tests {
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::effects;
-
-    /// Seen on the benchmark: a tip mass was never found where a density gradient was, from a model that was far off.
-    #[test]
-    fn what_failed_is_tried_again_from_the_rope_at_which_another_passed() {
-        let tip_mass = part("tip_mass", 4.0);
-        let demos = recorded(std::slice::from_ref(&tip_mass));
-        let options = options();
-        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
-        let now = base(&bench);
-        let table = ScoreTable::of(Vec::new());
-        let refits = Refits::new(&bench, &now, &table, &options);
-        let refit = |candidate: &Subset, theta: &[f64], budget: usize| {
-            let next = candidate.added_to(&now.structure);
-            let start = Descent::at(&bench.fit, &next, theta).unwrap();
-            refits
-                .judge(candidate, start.run(budget), &Batch::of(&[]))
-                .unwrap()
-        };
-        let [mass, gradient] =
-            ["tip_mass", "density_gradient"].map(|id| Subset::from(&Score::alone(id, 60.0, 80.0)));
-        let mut passed = refit(&gradient, &[YOUNG_PA.ln(), 0.3, 0.5], REFIT_EVALUATIONS);
-        passed.refit.passed = true;
-        let failed = refit(&mass, &[4e6_f64.ln(), 0.3, 0.0], 1);
-        let before = failed.cost;
-        let mut tried = [(&gradient, passed), (&mass, failed)];
-        refits.restart_where_one_passed(&mut tried);
-        let Tried { refit, cost, .. } = &tried[1].1;
-        assert!(*cost < 0.1 * before, "{cost} of {before}");
-        let found_kg = refit.parameters[0].value;
-        assert!((found_kg / tip_mass.values[0] - 1.0).abs() < 0.1, "{found_kg} kg");
-    }
 
     /// What is not worth following: what explains far too little, two effects that explain what one may, or hardly more than
     /// one of them did, and what leaves twice as much as a rival.
@@ -575,20 +463,5 @@ mod tests {
         let kept = shrunk(most);
         assert!(kept.1 <= most, "{kept:?}, at most {most}");
         assert!(heaviest.0 < kept.0 && kept.0 < free_s, "{kept:?} of {free_s} s");
-    }
-
-    /// Seen on a cable of which end mass and curl were unknown: where its stiffness stayed, or became e¹¹ times as large, no
-    /// size of the two was better than nothing.
-    #[test]
-    fn a_heavier_rope_is_stiffer_in_proportion_and_what_the_data_do_not_tell_stays() {
-        let info = Structure::default().parameters();
-        let told = [(1e6_f64.ln(), true), (0.3, false)];
-        let young_pa = |change: f64, times: f64| changed(&told, &info, &[change, 0.1], times)[0].exp();
-        assert!((young_pa(11.0, 1.0) / 12e6 - 1.0).abs() < 1e-9);
-        assert!((young_pa(11.0, 0.0) / 1e6 - 1.0).abs() < 1e-9);
-        assert!((young_pa(-1.0, 1.0) / 0.5e6 - 1.0).abs() < 1e-9);
-        assert_eq!(changed(&told, &info, &[11.0, 0.1], 1.0)[1], 0.3);
-        assert_eq!(changed(&told, &info, &[1e9, 0.0], 1.0)[0], info[0].high);
-        assert_eq!(changed(&told, &info, &[], 1.0)[0], told[0].0);
     }
 }
