@@ -110,6 +110,8 @@ impl Choice {
                 ));
             }
             self.consider(&refit, model);
+            // What was given up for one that the finer grid refused may come again.
+            self.refits.retain(|had| had.ids != refit.ids);
             self.refits.push(refit);
         }
     }
