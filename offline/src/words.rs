@@ -46,9 +46,27 @@ pub fn with_unit(number: &str, unit: &str) -> String {
     format!("{number} {}", self::unit(unit)).trim_end().to_owned()
 }
 
+/// A duration, rounded: "40 s", "12 min", "2.5 h".
+pub fn duration(seconds: f64) -> String {
+    let minutes = seconds / 60.0;
+    if seconds < 99.5 {
+        format!("{seconds:.0} s")
+    } else if minutes < 99.5 {
+        format!("{minutes:.0} min")
+    } else {
+        format!("{:.1} h", minutes / 60.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn durations_show_what_is_worth_knowing() {
+        let all = [0.2, 99.0, 100.0, 5900.0, 9000.0].map(duration);
+        assert_eq!(all, ["0 s", "99 s", "2 min", "98 min", "2.5 h"]);
+    }
 
     #[test]
     fn numbers_show_the_digits_that_their_error_allows() {

@@ -6,6 +6,7 @@ use super::experiment::{FITTED, MOTIONS, SEALED};
 use super::follow_up::{FollowUp, follow_up};
 use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
+use crate::countdown::Countdown;
 use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
 use crate::effects;
@@ -154,28 +155,28 @@ impl std::fmt::Display for Missing {
 /// # Errors
 /// A file cannot be read or written, or the rope without a cause cannot be simulated.
 pub fn run(cells: &[Cell], out: &Path, told: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Answers> {
-    let finished = std::sync::atomic::AtomicUsize::new(0);
+    let countdown = Countdown::of(cells.len());
     // A bridge hands the cells out in their order, so that a run that is stopped has the first of them.
     let answers = cells
         .iter()
         .par_bridge()
         .map(|cell| -> anyhow::Result<Result<Answer, (Cell, Missing)>> {
             if let Some(answer) = answered(out, cell) {
-                finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                countdown.ended(false);
                 return Ok(Ok(answer));
             }
             let answer = match truth_of(cell, out)? {
                 Ok(truth) => ask(cell, &truth),
                 Err(reason) => {
+                    countdown.ended(false);
                     told(&format!("{} is left out: {reason}", cell.name()));
                     return Ok(Err((cell.clone(), reason)));
                 }
             };
             write_whole(&file(out, cell), &serde_json::to_vec_pretty(&answer)?)?;
-            let done = finished.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             told(&format!(
-                "{done} of {}: {} in {:.0} s: {}",
-                cells.len(),
+                "{}: {} in {:.0} s: {}",
+                countdown.ended(true),
                 cell.name(),
                 answer.wall_s,
                 answer.words

@@ -3,6 +3,7 @@
 use super::output::note;
 use indicatif::{ProgressBar, ProgressStyle};
 use offline::collect::Progress;
+use offline::words::duration;
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -98,8 +99,11 @@ impl Reporter {
         let spent = state.stage_start.elapsed().as_secs_f64();
         let left = spent / progress.done.max(1) as f64 * (progress.total - progress.done) as f64;
         note(format_args!(
-            "[{now:6.1} s] {}: {} of {}, about {left:.0} s left",
-            progress.stage, progress.done, progress.total
+            "[{now:6.1} s] {}: {} of {}, about {} left",
+            progress.stage,
+            progress.done,
+            progress.total,
+            duration(left)
         ));
     }
 

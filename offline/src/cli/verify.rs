@@ -22,8 +22,8 @@ pub fn run(arguments: &VerifyArguments, json: bool) -> anyhow::Result<()> {
     reporter.say("comparing the simulator with what is known exactly");
     let mut report = verify(extent, &|line| reporter.say(line));
     if arguments.random > 0 {
-        reporter.say(&format!("simulating {} random scenes", arguments.random));
-        let outcomes = random::run(arguments.random, arguments.seed);
+        let progress = |progress| reporter.advance(progress);
+        let outcomes = random::run(arguments.random, arguments.seed, &progress);
         report.cases.extend(outcomes.cases());
         report.random = Some(outcomes);
     }

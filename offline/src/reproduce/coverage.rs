@@ -7,6 +7,7 @@ use super::data::{Source, WHOLE_RANGE, draw, record, seen_by_cameras};
 use super::ours::{Fitted, demo_of, fit_clouds};
 use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
+use crate::countdown::Countdown;
 use crate::observe::Section;
 use crate::run_files::{RunFolder, kept, made_by, write_whole};
 use crate::statistics::{NORMAL_975, Rate};
@@ -75,6 +76,7 @@ const CAMERA_SEED: u64 = 0x636f_7665;
 /// A simulation stopped, or a file could not be written.
 pub fn run(settings: &Settings, out: &Path, say: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Coverage> {
     let folder = RunFolder::open(out)?;
+    let countdown = Countdown::of(settings.demonstrations as usize);
     let judged: Vec<Judged> = (0..settings.demonstrations)
         .into_par_iter()
         .map(|index| {
@@ -82,10 +84,12 @@ pub fn run(settings: &Settings, out: &Path, say: &(dyn Fn(&str) + Sync)) -> anyh
                 .path()
                 .join("estimates")
                 .join(format!("coverage-{index}.json"));
+            let fresh = !path.exists();
             let judged = finish(settings, &path, index)?;
             let [e, nu] = standardised(&judged);
             say(&format!(
-                "demonstration {index}: E off by {e:+.2}, ν by {nu:+.2} standard errors"
+                "{}: demonstration {index}: E off by {e:+.2}, ν by {nu:+.2} standard errors",
+                countdown.ended(fresh)
             ));
             Ok(judged)
         })

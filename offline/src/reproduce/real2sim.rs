@@ -7,6 +7,7 @@ use super::method::{Case, Effort, Estimated, Method, StepSizes};
 use super::ours::Fitted;
 use super::scene::physics;
 use super::table::{Row, Spread, Table};
+use crate::countdown::Countdown;
 use crate::demo::Demo;
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
@@ -121,16 +122,19 @@ pub fn run(
                 (0..starts).map(move |start| (method, start))
             })
             .collect();
+        let countdown = Countdown::of(jobs.len());
         let judged: Vec<Judged> = jobs
             .par_iter()
             .map(|&(method, start)| {
                 let name = format!("{number}-{}-{}-{start}.json", demo.name, method.slug());
                 let path = folder.path().join("estimates").join(name);
+                let fresh = !path.exists();
                 let judged = finish(settings, &path, &case, method, start)?;
                 say(&format!(
-                    "{} of {}, start {start}, is done",
-                    method.slug(),
-                    demo.name
+                    "{}: {}, {}, start {start}",
+                    demo.name,
+                    countdown.ended(fresh),
+                    method.slug()
                 ));
                 Ok(judged)
             })

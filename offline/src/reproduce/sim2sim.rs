@@ -8,6 +8,7 @@ use super::method::{Case, Effort, Estimated, Method};
 use super::ours::demo_of;
 use super::scene::{DENSITY_KG_M3, Discretisation, STEPS, demonstration};
 use super::table::{Row, Spread, Table, printed};
+use crate::countdown::Countdown;
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;
@@ -124,15 +125,18 @@ pub fn run(
         .chain(cameras_too.map(|&method| (method, 1)))
         .flat_map(|(method, view)| (0..cases.len()).map(move |index| (method, index, view)))
         .collect();
+    let countdown = Countdown::of(jobs.len());
     let mut judged: Vec<Judged> = jobs
         .par_iter()
         .map(|&(method, index, view)| {
             let path = file(folder.path(), method.slug(), VIEWS[view], index);
+            let fresh = !path.exists();
             let found = finish(settings, &path, &cases[index][view], || {
                 method.estimate(&cases[index][view], &settings.effort, index as u64)
             })?;
             say(&format!(
-                "{} {} of rope {index} is done",
+                "{}: {} {} of rope {index}",
+                countdown.ended(fresh),
                 method.slug(),
                 VIEWS[view]
             ));

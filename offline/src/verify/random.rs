@@ -10,7 +10,7 @@
 
 use super::case::{Case, Of};
 use super::setup::knot;
-use crate::collect::stream;
+use crate::collect::{Progress, stream};
 use crate::demo::RopeEnd;
 use crate::effects;
 use crate::model::{POISSON_RANGE, YOUNG_RANGE_PA};
@@ -27,6 +27,7 @@ use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 use std::collections::BTreeMap;
 use std::panic::catch_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const FAMILY: Of = Of("random");
 /// Steps times particles of one scene: some hundred to some thousand steps.
@@ -66,11 +67,21 @@ struct Outcome {
     released: bool,
 }
 
-/// Runs `count` random scenes on all threads.
-pub fn run(count: usize, seed: u64) -> Outcomes {
+/// Runs `count` random scenes on all threads, and tells of each that is done.
+pub fn run(count: usize, seed: u64, progress: &(dyn Fn(Progress) + Sync)) -> Outcomes {
+    let done = AtomicUsize::new(0);
     let ends: Vec<Outcome> = (0..count as u64)
         .into_par_iter()
-        .map(|index| end_of(seed, index))
+        .map(|index| {
+            let end = end_of(seed, index);
+            progress(Progress {
+                stage: "random scenes",
+                done: done.fetch_add(1, Ordering::Relaxed) + 1,
+                total: count,
+                refused: 0,
+            });
+            end
+        })
         .collect();
     let mut outcomes = Outcomes {
         scenes: count,

@@ -22,7 +22,7 @@ fn the_simulator_agrees_with_what_is_known_exactly() {
 /// A small share of what `offline verify --random 10000` runs.
 #[test]
 fn random_scenes_run_or_are_refused_by_name() {
-    let outcomes = random::run(60, 7);
+    let outcomes = random::run(60, 7, &|_| ());
     println!("{}", outcomes.text());
     for case in outcomes.cases() {
         assert!(case.passed, "{case:?}");
