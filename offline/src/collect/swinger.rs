@@ -25,6 +25,17 @@ pub enum SwingRefusal {
     /// The simulation stopped with an error.
     #[error("the simulation failed: {0}")]
     Failed(String),
+    /// The rope is no rope for the task.
+    #[error(
+        "a rope of {length_m:.3} m hanging from the task's clamp lies on the table, and the swing is one of a tip that hangs \
+         free: take one of at most {longest_m:.3} m"
+    )]
+    TooLong {
+        /// Its length, m.
+        length_m: f64,
+        /// The longest of its thickness, m.
+        longest_m: f64,
+    },
 }
 
 impl SwingRefusal {
@@ -33,6 +44,7 @@ impl SwingRefusal {
         match self {
             Self::Unreachable { .. } => "unreachable release point",
             Self::Failed(_) => "simulation failed",
+            Self::TooLong { .. } => "rope too long for the task",
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::model::Estimate;
 use crate::model_file::ModelFile;
 use crate::run_files::{RunFolder, write_whole};
 use crate::sim::rope::RopeShape;
-use crate::swing::SimulatedSwing;
+use crate::swing::{SimulatedSwing, swingable};
 use crate::train::{Schedule, TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
@@ -45,14 +45,8 @@ const REACH_GOALS: usize = 5;
 /// Hanging from the task's clamp it lies on the table.
 pub fn refuse_unswingable(inputs: &Inputs) -> anyhow::Result<()> {
     let rope = RopeShape::of_spec(&inputs.demos[0].spec.rope);
-    let longest_m = SwingTask::PAPER.longest_rope_m(rope.diameter_m);
-    anyhow::ensure!(
-        rope.length_m <= longest_m,
-        "a rope of {:.3} m hanging from the task's clamp lies on the table, and the policy is for one whose tip hangs free: \
-         take one of at most {longest_m:.3} m, or `offline diagnose`, which needs no swing",
-        rope.length_m
-    );
-    Ok(())
+    swingable(&rope, &SwingTask::PAPER)
+        .map_err(|refusal| anyhow::anyhow!("{refusal}, or `offline diagnose`, which needs no swing"))
 }
 
 /// The swing of an identified rope.
