@@ -148,7 +148,7 @@ pub fn most_rows(demo: &Demo) -> Vec<usize> {
 }
 
 /// Along which axes of the world a marker was measured: where the motion is planar, not along y.
-fn marker_axes(demo: &Demo) -> &'static [usize] {
+pub(crate) fn marker_axes(demo: &Demo) -> &'static [usize] {
     if demo.spec.planar { &[0, 2] } else { &[0, 1, 2] }
 }
 

@@ -5,6 +5,7 @@ mod broyden;
 mod correlation;
 mod cost;
 mod descent;
+mod in_motion;
 mod kinds;
 mod numerical;
 mod passes;

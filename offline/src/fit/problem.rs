@@ -9,7 +9,6 @@ use crate::demo::Demo;
 use crate::effects;
 use crate::model::{ParameterInfo, Structure};
 use crate::observe::{Centreline, Row, Section, bracket, measure, most_rows, noise_m};
-use crate::sim::Track;
 use crate::sim::physics::ForceField;
 use crate::sim::rest::settle_poses;
 use crate::sim::start::Start;
@@ -352,6 +351,9 @@ impl<'a> Problem<'a> {
                 let physics = self.physics(d, structure, theta);
                 settle_poses(scene, &physics).map_err(|error| simulation(self.demos[d], error))
             })?;
+        for d in 0..self.demos.len() {
+            settled.begin_as_seen(d, structure, theta)?;
+        }
         Ok(settled)
     }
 
@@ -374,7 +376,7 @@ impl<'a> Problem<'a> {
         near.settled(structure, theta)
     }
 
-    fn physics<T: Real>(&self, demo: usize, structure: &Structure, theta: &[T]) -> Physics<T> {
+    pub(super) fn physics<T: Real>(&self, demo: usize, structure: &Structure, theta: &[T]) -> Physics<T> {
         let spec = &self.demos[demo].spec;
         let mut physics = structure.physics(theta, spec.friction());
         physics.roll(spec.rope.roll_rad);
@@ -487,9 +489,16 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped.
     pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
+        let begun;
+        let here = if self.some_begin_in_motion() {
+            begun = self.settled(structure, theta)?;
+            &begun
+        } else {
+            self
+        };
         (0..self.demos.len())
             .into_par_iter()
-            .map(|d| self.predict_under(d, structure, theta, None))
+            .map(|d| here.predict_under(d, structure, theta, None))
             .collect()
     }
 
@@ -505,7 +514,7 @@ impl<'a> Problem<'a> {
         pushed: Option<(&Pushes, &[f64])>,
     ) -> Result<Rollout<f32>, FitError> {
         if self.rests(demo) {
-            return self.poses(demo, structure, theta).map(rounded);
+            return self.poses(demo, structure, theta).map(Rollout::rounded);
         }
         let scene = &self.scenes[demo];
         let field = pushed.map(|(pushes, force_n_m)| pushes.field(scene, force_n_m));
@@ -517,29 +526,7 @@ fn single(theta: &[f64]) -> Vec<f32> {
     theta.iter().map(|&t| t as f32).collect()
 }
 
-/// The same rollout in single precision.
-fn rounded(rollout: Rollout<f64>) -> Rollout<f32> {
-    let points =
-        |list: Vec<[f64; 3]>| -> Vec<[f32; 3]> { list.into_iter().map(|v| v.map(|c| c as f32)).collect() };
-    let vectors = |list: Vec<Vec<[f64; 3]>>| list.into_iter().map(points).collect();
-    let track = |track: Track<f64>| Track {
-        points_m: points(track.points_m),
-        velocities_m_s: points(track.velocities_m_s),
-    };
-    Rollout {
-        frames: vectors(rollout.frames),
-        tracks: rollout.tracks.into_iter().map(track).collect(),
-        particles: vectors(rollout.particles),
-        grip_forces_n: vectors(rollout.grip_forces_n),
-        arc_m: rollout.arc_m,
-        reach_m: rollout.reach_m.map(|reach| reach as f32),
-        end: rollout.end,
-        steps: rollout.steps,
-        dt_s: rollout.dt_s,
-    }
-}
-
-fn simulation(demo: &Demo, error: SimError) -> FitError {
+pub(super) fn simulation(demo: &Demo, error: SimError) -> FitError {
     FitError::Simulation {
         demo: demo.name.clone(),
         error,

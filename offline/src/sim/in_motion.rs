@@ -19,6 +19,11 @@ const WITH_NOISE: f64 = 1.0 / 4.5;
 /// rope held at both ends, 47.9 for 45.6 mm of a cable).
 const LEAST_FRAMES: usize = 8;
 
+/// How much of a recording with this noise tells how it begins, s.
+pub fn beginning_s(noise_m: f64) -> f64 {
+    USUAL_WINDOW_S * (noise_m / USUAL_NOISE_M).powf(WITH_NOISE)
+}
+
 /// Markers as they were seen at these times.
 pub(super) fn seen(markers: &[MarkerSample], times_s: &[f64]) -> Vec<(f64, Vec<MarkerSample>)> {
     let at = |t_s: f64| markers.iter().filter(|m| m.t_s == t_s).cloned().collect();
@@ -32,7 +37,7 @@ pub(super) fn first_two(
     noise_m: f64,
 ) -> Vec<(f64, Vec<MarkerSample>)> {
     let wanted = &times_s[..times_s.len().min(2)];
-    let window_s = USUAL_WINDOW_S * (noise_m / USUAL_NOISE_M).powf(WITH_NOISE);
+    let window_s = beginning_s(noise_m);
     let window: Vec<f64> = times_s
         .iter()
         .copied()

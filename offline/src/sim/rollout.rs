@@ -45,6 +45,31 @@ pub struct Rollout<T> {
     pub dt_s: f64,
 }
 
+impl Rollout<f64> {
+    /// The same rollout in single precision.
+    pub fn rounded(self) -> Rollout<f32> {
+        let points = |list: Vec<[f64; 3]>| -> Vec<[f32; 3]> {
+            list.into_iter().map(|v| v.map(|c| c as f32)).collect()
+        };
+        let vectors = |list: Vec<Vec<[f64; 3]>>| list.into_iter().map(points).collect();
+        let track = |track: Track<f64>| Track {
+            points_m: points(track.points_m),
+            velocities_m_s: points(track.velocities_m_s),
+        };
+        Rollout {
+            frames: vectors(self.frames),
+            tracks: self.tracks.into_iter().map(track).collect(),
+            particles: vectors(self.particles),
+            grip_forces_n: vectors(self.grip_forces_n),
+            arc_m: self.arc_m,
+            reach_m: self.reach_m.map(|reach| reach as f32),
+            end: self.end,
+            steps: self.steps,
+            dt_s: self.dt_s,
+        }
+    }
+}
+
 /// Simulates a scene, on the widest registers that this processor has.
 ///
 /// # Errors

@@ -1,13 +1,14 @@
 //! How the rope is when a scene begins, and the poses of scenes that have no time.
 
 use super::curve::{Curve, turned};
+pub use super::in_motion::beginning_s;
 use super::in_motion::{first_two, seen};
 use super::legs::Placed;
 use super::rollout::perpendicular;
 use super::rope::RopeShape;
 use super::scene::Grip;
 use super::statics::{Pin, Pose};
-use super::tensor::{Mat3, add, scaled};
+use super::tensor::{Mat3, add, norm, scaled};
 use crate::demo::{Demo, MarkerSample, Observations, RopeEnd, SceneKind, StartState};
 
 /// How the rope is at the start.
@@ -105,12 +106,45 @@ impl Start {
         }
     }
 
+    /// Moves the springs of poses by what begins elsewhere.
+    pub fn amend(&mut self, amends: &[Amends]) {
+        for pose in self.hang_mut().into_iter().flat_map(|hang| &mut hang.poses) {
+            for pin in &mut pose.pins {
+                if let Some(one) = amends.iter().find(|one| one.arc_m == pin.arc_m) {
+                    pin.target_m = add(pin.target_m, one.at(pose.t_s));
+                }
+            }
+        }
+    }
+
     /// The poses, to be changed.
     pub(super) fn hang_mut(&mut self) -> Option<&mut Hang> {
         match self {
             Self::Straight | Self::Placed(_) => None,
             Self::Rest(hang) | Self::Moving(hang) | Self::Poses(hang) => Some(hang),
         }
+    }
+}
+
+/// By how much a rope that is first seen in motion begins elsewhere at a marker, and faster.
+#[derive(Clone, Copy, Debug)]
+pub struct Amends {
+    /// Arc length of the marker, m.
+    pub arc_m: f64,
+    /// At time zero, m.
+    pub offset_m: [f64; 3],
+    /// m/s.
+    pub velocity_m_s: [f64; 3],
+}
+
+impl Amends {
+    fn at(&self, t_s: f64) -> [f64; 3] {
+        add(self.offset_m, scaled(self.velocity_m_s, t_s))
+    }
+
+    /// The largest it comes to until a time, m.
+    pub fn farthest_m(&self, until_s: f64) -> f64 {
+        norm(self.at(0.0)).max(norm(self.at(until_s)))
     }
 }
 

@@ -89,6 +89,7 @@ pub fn residual_force(
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        let problem = problem.settled(&outcome.structure, theta)?;
         estimate(&problem, &outcome.structure, theta, &noise)
     };
     let moving = demos.iter().zip(all.scenes).filter(|(demo, _)| moves(demo));
