@@ -4,7 +4,8 @@
 //! Two frames say where the rope was half a frame later, and how fast on the way there: a cable let go before cameras at
 //! 30 Hz began with 0.13 m/s that it came to have within the first frame, and was 45 mm off a quarter of a second later. What
 //! the rope does meanwhile its model knows. So a start is corrected by the line through what the simulated rope leaves in
-//! the frames at the beginning, marker by marker, until little is left of it.
+//! the frames at the beginning, marker by marker, until little is left of it. Slopes and standard errors take a start as it
+//! then is: what they miss of a parameter is what a start would make up for, a small part where the beginning is a small part.
 
 use super::problem::{FitError, Problem, simulation};
 use crate::demo::{MarkerSample, Observations};
