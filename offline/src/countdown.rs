@@ -32,7 +32,7 @@ impl Countdown {
 }
 
 /// "3 of 9, about 12 min left", where `made` of those that ended took all the time.
-fn in_words(spent_s: f64, made: usize, [ended, total]: [usize; 2]) -> String {
+pub fn in_words(spent_s: f64, made: usize, [ended, total]: [usize; 2]) -> String {
     let left = total.saturating_sub(ended);
     if left == 0 || made == 0 {
         return format!("{ended} of {total}");

@@ -3,7 +3,7 @@
 
 pub mod bench_diagnosis;
 pub mod collect;
-mod countdown;
+pub mod countdown;
 pub mod demo;
 pub mod diagnose;
 pub mod effects;

@@ -3,7 +3,7 @@
 use super::output::note;
 use indicatif::{ProgressBar, ProgressStyle};
 use offline::collect::Progress;
-use offline::words::duration;
+use offline::countdown::in_words;
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -97,14 +97,8 @@ impl Reporter {
         }
         state.last_line_s = now;
         let spent = state.stage_start.elapsed().as_secs_f64();
-        let left = spent / progress.done.max(1) as f64 * (progress.total - progress.done) as f64;
-        note(format_args!(
-            "[{now:6.1} s] {}: {} of {}, about {} left",
-            progress.stage,
-            progress.done,
-            progress.total,
-            duration(left)
-        ));
+        let far = in_words(spent, progress.done, [progress.done, progress.total]);
+        note(format_args!("[{now:6.1} s] {}: {far}", progress.stage));
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, State> {

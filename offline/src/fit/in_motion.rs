@@ -11,9 +11,10 @@ use super::problem::{FitError, Problem, simulation};
 use crate::demo::{MarkerSample, Observations};
 use crate::model::Structure;
 use crate::observe::{bracket, interpolate, marker_axes};
-use crate::sim::Rollout;
 use crate::sim::rest::settle_poses;
 use crate::sim::start::{Amends, Start, beginning_s};
+use crate::sim::tensor::dot;
+use crate::sim::{Rollout, Scene};
 use std::collections::BTreeMap;
 
 /// Fewest frames at the beginning: a line through two leaves nothing.
@@ -41,13 +42,14 @@ impl Problem<'_> {
         (0..self.demos.len()).any(|d| self.begins_in_motion(d))
     }
 
-    /// The start of a settled demonstration, corrected where that is in motion.
+    /// Corrects the start of a demonstration's settled scene where that is in motion.
     ///
     /// # Errors
     /// Its first frames cannot be simulated.
     pub(super) fn begin_as_seen(
-        &mut self,
+        &self,
         d: usize,
+        scene: &mut Scene,
         structure: &Structure,
         theta: &[f64],
     ) -> Result<(), FitError> {
@@ -55,7 +57,7 @@ impl Problem<'_> {
         else {
             return Ok(());
         };
-        let mut early = self.beginning(d);
+        let mut early = self.beginning(d, scene.clone());
         let small_m = SMALL * self.demos[d].spec.noise_m;
         let mut best = f64::INFINITY;
         for _ in 0..=MOST_TIMES {
@@ -64,13 +66,13 @@ impl Problem<'_> {
             let square: f64 = left
                 .values()
                 .flat_map(|(_, track)| track)
-                .map(|(_, o)| norm2(*o))
+                .map(|(_, o)| dot(*o, *o))
                 .sum();
             if square >= best {
                 break;
             }
             best = square;
-            self.scenes[d].start = early.scenes[0].start.clone();
+            scene.start = early.scenes[0].start.clone();
             let last_s = early.scenes[0].duration_s;
             let amends: Vec<Amends> = left
                 .into_values()
@@ -87,9 +89,8 @@ impl Problem<'_> {
         Ok(())
     }
 
-    /// The first frames of a demonstration alone.
-    fn beginning(&self, d: usize) -> Self {
-        let mut scene = self.scenes[d].clone();
+    /// The first frames of a demonstration's scene alone.
+    fn beginning(&self, d: usize, mut scene: Scene) -> Self {
         let window_s = SHARE * beginning_s(self.demos[d].spec.noise_m);
         let first_s = scene.frame_times_s[0];
         let frames = scene
@@ -144,10 +145,6 @@ fn line(arc_m: f64, track: &[Offset]) -> Amends {
         offset_m: found.map(|[offset, _]| offset),
         velocity_m_s: found.map(|[_, slope]| slope),
     }
-}
-
-fn norm2(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum()
 }
 
 #[cfg(test)]

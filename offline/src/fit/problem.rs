@@ -349,11 +349,9 @@ impl<'a> Problem<'a> {
             .enumerate()
             .try_for_each(|(d, scene)| {
                 let physics = self.physics(d, structure, theta);
-                settle_poses(scene, &physics).map_err(|error| simulation(self.demos[d], error))
+                settle_poses(scene, &physics).map_err(|error| simulation(self.demos[d], error))?;
+                self.begin_as_seen(d, scene, structure, theta)
             })?;
-        for d in 0..self.demos.len() {
-            settled.begin_as_seen(d, structure, theta)?;
-        }
         Ok(settled)
     }
 
