@@ -1,5 +1,6 @@
 //! What the rounds amount to: the verdict, and the reasons for caution.
 
+use super::accounted::{HeldOut, WHITE_FLOORS, excess_mm, explains};
 use super::gates::{excess_removed, share_in_words};
 use super::memory::KeptModel;
 use super::round::Round;
@@ -9,79 +10,7 @@ use crate::fit::{Evaluation, FitResult};
 use crate::model::{Estimate, Structure};
 use crate::observe::Row;
 use crate::residual::ResidualSummary;
-
-/// Residual over noise at which nothing is left to explain.
-pub(super) const WHITE_FLOORS: f64 = 1.05;
-/// Share of the excess over noise and discretisation error from which on effects explain it although what they leave
-/// is more than either: so much of a strong cause that its own form is known no better. On the benchmark the right
-/// effects take away all of it; wind with less friction took 96 % of a tilt that the library did not know.
-const ALMOST_ALL: f64 = 0.98;
-
-/// Share of the excess where held out that a refit takes away if no other has to be tried, and that a model's effects take
-/// away if they are the cause. Of 84 right ones on the benchmark all but six did; wind in place of a tilt of 5 floors took
-/// 72 %.
-pub(super) const NEARLY_ALL_HELD_OUT: f64 = 0.9;
-
-/// Whether a fit leaves nothing that calls for a further effect: noise, the simulation's own error, `numerical_mm`, or
-/// next to nothing of what was left before.
-pub(super) fn explains(before: &ResidualSummary, fit: &FitResult, doubt: f64, numerical_mm: f64) -> bool {
-    let after = ResidualSummary::of(&fit.best);
-    accounted_for([before, &after], doubt, [numerical_mm; 2], ALMOST_ALL)
-}
-
-/// Whether what is left after is noise, no more than `allowed_mm` beyond it and beyond doubt, or next to nothing of what
-/// was left before: at least `share` of the excess over noise and the simulation's own error is gone.
-fn accounted_for(
-    [before, after]: [&ResidualSummary; 2],
-    doubt: f64,
-    [numerical_mm, allowed_mm]: [f64; 2],
-    share: f64,
-) -> bool {
-    after.floors <= WHITE_FLOORS
-        || excess_mm(after, doubt) <= allowed_mm
-        || excess_removed(before, after, numerical_mm).is_some_and(|removed| removed >= share)
-}
-
-/// What base and final model leave where held out.
-pub(super) struct HeldOut {
-    /// Base model.
-    pub before: ResidualSummary,
-    /// Final model.
-    pub after: ResidualSummary,
-    /// As [`super::noise::Noise::doubt`] says.
-    pub doubt: f64,
-    /// Root mean square of the simulation's own error there, mm.
-    pub numerical_mm: f64,
-    /// Root mean square of what the standard errors of the final model's parameters let expect there, mm.
-    pub uncertain_mm: f64,
-}
-
-/// Standard errors by which parameters may be off where what they foresee is judged.
-const ERRORS_ALLOWED: f64 = 2.0;
-
-impl HeldOut {
-    /// Whether a model is right where it was not fitted too: it leaves noise, the simulation's own error and what its
-    /// parameters may be off by, or next to nothing of what the base model leaves. A stand-in that follows one motion
-    /// does not follow another.
-    fn foreseen(&self) -> bool {
-        let allowed_mm = self.numerical_mm.hypot(ERRORS_ALLOWED * self.uncertain_mm);
-        accounted_for(
-            [&self.before, &self.after],
-            self.doubt,
-            [self.numerical_mm, allowed_mm],
-            NEARLY_ALL_HELD_OUT,
-        )
-    }
-
-    /// What is left there, for people.
-    fn in_words(&self) -> String {
-        format!(
-            "where held out {:.1} mm are left ({:.1} noise floors), more than noise, the simulation's own error and the \
-             parameters' standard errors amount to",
-            self.after.rms_mm, self.after.floors
-        )
-    }
-}
+use crate::words::{significant, with_unit};
 
 /// What a verdict is made from.
 pub(super) struct Facts<'a> {
@@ -180,12 +109,12 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         let removed = excess_removed(facts.base, &now, numerical_mm);
         return (stand_in(facts, (removed, left_mm)), reasons);
     }
-    if !foreseen {
+    let against = (!foreseen).then(|| facts.held_out.in_words());
+    if let Some(against) = against.or_else(|| at_an_end(facts)) {
         reasons.push(ReasonCode::ProxySuspected);
         let hint = format!(
-            "{} would explain what was fitted, but {}: not the whole cause, or stand-ins for it",
+            "{} would explain what was fitted, but {against}: not the whole cause, or stand-ins for it",
             structure.ids().join(" and "),
-            facts.held_out.in_words()
         );
         return (Verdict::Unexplained { hint }, reasons);
     }
@@ -197,12 +126,28 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     (verdict, reasons)
 }
 
-/// Root mean square of what a model leaves beyond the noise and beyond doubt about it, mm; `doubt` is a share of the
-/// floor's square.
-pub(super) fn excess_mm(now: &ResidualSummary, doubt: f64) -> f64 {
-    (now.rms_mm.powi(2) - (1.0 + doubt) * now.floor_mm.powi(2))
-        .max(0.0)
-        .sqrt()
+/// What the last refit took to an end of its range, for people: no cause is so large, and the gates asked for what was
+/// added before. A cable's damping and end mass passed; its curl was then added, and took the mass along from 0.3 kg to
+/// the 0.5 kg at which its range ends.
+fn at_an_end(facts: &Facts) -> Option<String> {
+    let ends = facts.structure.at_an_end(&facts.fitted.best.theta);
+    let own = Structure::default().parameters().len();
+    let told: Vec<String> = ends
+        .into_iter()
+        .filter(|&entry| entry >= own)
+        .map(|entry| {
+            let Estimate {
+                name, unit, value, ..
+            } = &facts.estimates[entry];
+            format!("{name} = {}", with_unit(&significant(*value), unit))
+        })
+        .collect();
+    (!told.is_empty()).then(|| {
+        format!(
+            "the fit takes {} to the end of the physical range",
+            told.join(" and ")
+        )
+    })
 }
 
 /// Effects that leave more than noise and the simulation's own error are stand-ins, or causes beside another. `removed`
@@ -348,13 +293,30 @@ pub(super) mod tests {
         uncertain_mm: f64,
         (discretisation_mm, rivals): (f64, &[KeptModel]),
     ) -> (Verdict, Vec<ReasonCode>) {
+        let after = fitted(structure, after_m);
+        judged_at(
+            (structure, &after),
+            before_m,
+            held_out_m,
+            uncertain_mm,
+            (discretisation_mm, rivals),
+        )
+    }
+
+    /// The same of a fit.
+    fn judged_at(
+        (structure, after): (&Structure, &FitResult),
+        before_m: f64,
+        held_out_m: [f64; 2],
+        uncertain_mm: f64,
+        (discretisation_mm, rivals): (f64, &[KeptModel]),
+    ) -> (Verdict, Vec<ReasonCode>) {
         let base = fitted(&Structure::default(), before_m);
         let left = |rms_m: f64| ResidualSummary::of(&fitted(structure, rms_m).best);
-        let fitted = fitted(structure, after_m);
         conclude(&Facts {
             structure,
             base: &ResidualSummary::of(&base.best),
-            fitted: &fitted,
+            fitted: after,
             held_out: HeldOut {
                 before: left(held_out_m[0]),
                 after: left(held_out_m[1]),
@@ -362,7 +324,7 @@ pub(super) mod tests {
                 numerical_mm: discretisation_mm,
                 uncertain_mm,
             },
-            estimates: &estimates(&fitted.best, structure),
+            estimates: &estimates(&after.best, structure),
             rounds: &[fruitless_round(discretisation_mm)],
             rivals,
             demos: [1, 1],
@@ -451,6 +413,23 @@ pub(super) mod tests {
             Verdict::Explained { .. }
         ));
         hint_of(&verdict(&one, [3.0, 2.0], 0.5));
+    }
+
+    /// A cable's curl took the mass at its end along to the end of its range, and the verdict was "explained".
+    #[test]
+    fn a_model_with_a_value_at_the_end_of_its_range_explains_nothing() {
+        let structure = Structure::of_ids(&["tip_mass".to_owned()]);
+        let verdict = |mass_kg: f64| {
+            let mut after = fitted(&structure, 1e-3);
+            after.best.theta[2] = mass_kg;
+            judged_at((&structure, &after), 5e-3, [5e-3, 1e-3], 0.0, (0.5, &[]))
+        };
+        let inside = verdict(0.4).0;
+        assert!(matches!(inside, Verdict::Explained { .. }), "{inside}");
+        let (at_the_end, reasons) = verdict(0.5);
+        let told = "tip_mass would explain what was fitted, but the fit takes tip_mass.mass_kg = 0.500 kg to the end of";
+        assert!(hint_of(&at_the_end).starts_with(told), "{at_the_end}");
+        assert!(reasons.contains(&ReasonCode::ProxySuspected));
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
+use super::accounted::{NEARLY_ALL_HELD_OUT, explains};
 use super::batch::{Batch, Failures, batches};
 use super::choice::{Standing, Tried};
-use super::conclude::{NEARLY_ALL_HELD_OUT, explains};
 use super::gates::{
     beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
 };

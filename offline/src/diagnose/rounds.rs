@@ -1,7 +1,8 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
+use super::accounted::HeldOut;
 use super::choice::Standing;
-use super::conclude::{Facts, HeldOut, conclude};
+use super::conclude::{Facts, conclude};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;

@@ -2,8 +2,8 @@
 //! the first round may be the cause of what the first stands in for. Air drag was, by what was held out, before the damping
 //! of a real cable, whose rest shape then fitted nothing.
 
+use super::accounted::{WHITE_FLOORS, excess_mm};
 use super::choice::{Standing, last_gates, likelier};
-use super::conclude::{WHITE_FLOORS, excess_mm};
 use super::memory::{KeptModel, Memory};
 use super::revise::{better, needed};
 use super::rivals::{by_another_way, still_rivals};

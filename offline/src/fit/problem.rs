@@ -487,16 +487,22 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A simulation stopped.
     pub fn predict(&self, structure: &Structure, theta: &[f64]) -> Result<Vec<Rollout<f32>>, FitError> {
-        let begun;
-        let here = if self.some_begin_in_motion() {
-            begun = self.settled(structure, theta)?;
-            &begun
+        if self.some_begin_in_motion() {
+            self.settled(structure, theta)?.predict_as_begun(structure, theta)
         } else {
-            self
-        };
+            self.predict_as_begun(structure, theta)
+        }
+    }
+
+    /// The same of a problem that is settled at θ.
+    pub(super) fn predict_as_begun(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Vec<Rollout<f32>>, FitError> {
         (0..self.demos.len())
             .into_par_iter()
-            .map(|d| here.predict_under(d, structure, theta, None))
+            .map(|d| self.predict_under(d, structure, theta, None))
             .collect()
     }
 

@@ -75,6 +75,11 @@ pub fn identify(
         None => {
             super::fit::forget_others(run, progress)?;
             let mut outcome = diagnosed(&demos, &held_out, &options, (run, key), progress)?;
+            // What follows takes minutes of a thick rope.
+            progress(&format!(
+                "found, before what to do next is asked: {}",
+                outcome.verdict
+            ));
             let force = force_left(&demos, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
