@@ -1,5 +1,6 @@
 //! A mass at the free end (s = length): a knot, tape, a ferrule, a weight. It sits in the
-//! last slice of the rope; it has weight and inertia but no size and no stiffness.
+//! last slice of the rope; it has weight and inertia but no size and no stiffness. A weight whose centre hangs beyond the end
+//! has a longer lever, which takes more mass here: the rope's length is then declared up to that centre.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::MassLaw;

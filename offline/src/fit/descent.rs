@@ -183,7 +183,7 @@ impl<'a> Descent<'a> {
         let mut tried = Vec::new();
         for theta in starts {
             let one = problem.settled(structure, &theta).and_then(|here| {
-                let cost = total_cost(&here.residuals(structure, &theta)?, &info);
+                let cost = total_cost(&here.residuals_as_begun(structure, &theta)?, &info);
                 Ok((cost, theta, here))
             });
             let enough = one.as_ref().is_ok_and(|(cost, ..)| *cost < below);

@@ -173,6 +173,15 @@ impl<'a> Problem<'a> {
         self.residuals_of(theta, &self.predict(structure, theta)?)
     }
 
+    /// The same of a problem that is settled at θ.
+    pub(super) fn residuals_as_begun(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Evaluation, FitError> {
+        self.residuals_of(theta, &self.predict_as_begun(structure, theta)?)
+    }
+
     /// Residuals of what [`Self::predict`] returned for θ.
     ///
     /// # Errors

@@ -52,7 +52,7 @@ pub fn fit_starts(
         .into_par_iter()
         .map(|theta| {
             let here = problem.settled(structure, &theta)?;
-            let residuals = here.residuals(structure, &theta)?;
+            let residuals = here.residuals_as_begun(structure, &theta)?;
             Ok((total_cost(&residuals, &info), theta, here))
         })
         .collect();
