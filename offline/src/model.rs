@@ -130,6 +130,13 @@ impl Structure {
         ends.map(|(k, _)| k).collect()
     }
 
+    /// Those of them that are parameters of effects.
+    pub fn effects_at_an_end(&self, theta: &[f64]) -> Vec<usize> {
+        let own = Self::default().parameters().len();
+        let ends = self.at_an_end(theta).into_iter();
+        ends.filter(|&entry| entry >= own).collect()
+    }
+
     /// θ of a rope with this structure whose effects all vanish.
     pub fn start(&self, young_pa: f64) -> Vec<f64> {
         let mut theta = vec![young_pa.ln(), POISSON_PRIOR[0]];

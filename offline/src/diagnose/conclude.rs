@@ -130,11 +130,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
 /// added before. A cable's damping and end mass passed; its curl was then added, and took the mass along from 0.3 kg to
 /// the 0.5 kg at which its range ends.
 fn at_an_end(facts: &Facts) -> Option<String> {
-    let ends = facts.structure.at_an_end(&facts.fitted.best.theta);
-    let own = Structure::default().parameters().len();
+    let ends = facts.structure.effects_at_an_end(&facts.fitted.best.theta);
     let told: Vec<String> = ends
         .into_iter()
-        .filter(|&entry| entry >= own)
         .map(|entry| {
             let Estimate {
                 name, unit, value, ..

@@ -298,8 +298,8 @@ impl<'a> Descent<'a> {
 
     /// Whether an effect is at an end of its range at the best iterate so far.
     fn at_an_end(&self) -> bool {
-        let ends = self.structure.at_an_end(&self.best.evaluation.theta);
-        ends.into_iter().any(|entry| entry > POISSON)
+        let theta = &self.best.evaluation.theta;
+        !self.structure.effects_at_an_end(theta).is_empty()
     }
 
     /// Goes on as if it had just begun; what ended it stays its end.

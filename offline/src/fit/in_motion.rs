@@ -8,7 +8,6 @@
 //! is. That noise moved it, and with it what was fitted, is in the standard errors: the start is made anew as often as these
 //! frames are seen again with noise of the same size (parametric bootstrap, Efron 1979).
 
-use super::numerical::{GridError, difference};
 use super::problem::{FitError, Problem, simulation};
 use crate::collect::{standard_normal, stream};
 use crate::demo::{Demo, MarkerSample, Observations};
@@ -95,9 +94,8 @@ impl Problem<'_> {
         Ok(())
     }
 
-    /// How far the predictions of a settled problem lie from the usual ones where its starts in motion are those of other
-    /// noise, each time over the root of the number of times: squares add up to a mean square. Nothing where no
-    /// demonstration begins in motion.
+    /// Predictions of a settled problem where its starts in motion are those of other noise, once for each draw; the usual
+    /// ones of what begins at rest. None where nothing begins in motion.
     ///
     /// # Errors
     /// One cannot be simulated.
@@ -106,14 +104,13 @@ impl Problem<'_> {
         structure: &Structure,
         theta: &[f64],
         usual: &[Rollout<f32>],
-    ) -> Result<Vec<Vec<(usize, GridError)>>, FitError> {
+    ) -> Result<Vec<Vec<Rollout<f32>>>, FitError> {
         let moving: Vec<usize> = (0..self.demos.len())
             .filter(|&d| self.begins_in_motion(d))
             .collect();
         if moving.is_empty() {
             return Ok(Vec::new());
         }
-        let scale = 1.0 / (SEEN_AGAIN as f64).sqrt();
         let once = |time: u64| {
             let noisy: Vec<Demo> = moving.iter().map(|&d| self.seen_again(d, time)).collect();
             let again = Problem {
@@ -125,9 +122,11 @@ impl Problem<'_> {
                     .collect(),
                 ..*self
             };
-            let there = again.predict(structure, theta)?;
-            let of_demo = |(&d, there)| (d, difference(&usual[d], there, scale));
-            Ok(moving.iter().zip(&there).map(of_demo).collect())
+            let mut there = usual.to_vec();
+            for (&d, rollout) in moving.iter().zip(again.predict(structure, theta)?) {
+                there[d] = rollout;
+            }
+            Ok(there)
         };
         (0..SEEN_AGAIN).into_par_iter().map(once).collect()
     }

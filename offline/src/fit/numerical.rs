@@ -38,23 +38,23 @@ pub fn grid_errors(
 
 /// How far other predictions lie from the usual ones, times a scale.
 fn differences(usual: &[Rollout<f32>], other: &[Rollout<f32>], scale: f64) -> Vec<GridError> {
-    let pairs = usual.iter().zip(other);
-    pairs.map(|(u, o)| difference(u, o, scale)).collect()
-}
-
-/// The same of one demonstration.
-pub(super) fn difference(usual: &Rollout<f32>, other: &Rollout<f32>, scale: f64) -> GridError {
-    let of_frame = |(frame, other_frame): (&Vec<[f32; 3]>, &Vec<[f32; 3]>)| {
-        let apart = |(point, &s): (&[f32; 3], &f64)| {
-            let there = interpolate(other_frame, bracket(&other.arc_m, s));
+    let of_frame = |arcs_m: &[f64], frame: &[[f32; 3]], (other_m, other): (&[f64], &[[f32; 3]])| {
+        let difference = |(point, &s): (&[f32; 3], &f64)| {
+            let there = interpolate(other, bracket(other_m, s));
             std::array::from_fn(|k| scale * (there[k] - f64::from(point[k])))
         };
-        frame.iter().zip(&usual.arc_m).map(apart).collect()
+        frame.iter().zip(arcs_m).map(difference).collect()
     };
-    GridError {
-        arcs_m: usual.arc_m.clone(),
-        frames: usual.frames.iter().zip(&other.frames).map(of_frame).collect(),
-    }
+    let of_rollout = |(u, o): (&Rollout<f32>, &Rollout<f32>)| {
+        let frames = u.frames.iter().zip(&o.frames);
+        GridError {
+            arcs_m: u.arc_m.clone(),
+            frames: frames
+                .map(|(frame, other)| of_frame(&u.arc_m, frame, (&o.arc_m, other)))
+                .collect(),
+        }
+    };
+    usual.iter().zip(other).map(of_rollout).collect()
 }
 
 /// The errors along the direction of each row of an evaluation, over its standard error.
@@ -84,10 +84,10 @@ const DIVISIONS: [Division; 3] = [
 
 /// How far the simulation's own error may have moved each entry of θ, as one standard error: how far each of the other
 /// divisions of the scene would move it, to first order, added in squares as the independent errors that they are, and
-/// with them what the noise of a start in motion would. What
-/// lies between two divisions that are equally good has twice the variance of either's error, but the time step's error
-/// and that of how cameras see a rope are in none: with half the squares the 95 % interval of E held the truth in 180 of
-/// 200 demonstrations before noisy cameras (`offline reproduce coverage`).
+/// with them the mean square of what other noise in a start in motion would. What lies between two divisions that are equally
+/// good has twice the variance of either's error, but the time step's error and that of how cameras see a rope are in none:
+/// with half the squares the 95 % interval of E held the truth in 180 of 200 demonstrations before noisy cameras (`offline
+/// reproduce coverage`).
 ///
 /// # Errors
 /// A simulation stopped.
@@ -99,20 +99,23 @@ pub fn grid_shift(
     let theta = &evaluation.theta;
     let problem = problem.settled(structure, theta)?;
     let usual = problem.predict_as_begun(structure, theta)?;
-    let shift = |divide: &Division| {
+    let shift = |other: &[Rollout<f32>]| {
+        let errors = differences(&usual, other, 1.0);
+        shift_by(evaluation, structure, &over_noise(evaluation, &errors))
+    };
+    let divided = |divide: &Division| {
         let mut other = problem.clone();
         other.scenes.iter_mut().for_each(divide);
-        let errors = differences(&usual, &other.predict(structure, theta)?, 1.0);
-        Ok(shift_by(evaluation, structure, &over_noise(evaluation, &errors)))
+        Ok(shift(&other.predict(structure, theta)?))
     };
-    let mut shifts: Vec<Vec<f64>> = DIVISIONS.par_iter().map(shift).collect::<Result<_, FitError>>()?;
-    for begun in problem.begun_again(structure, theta, &usual)? {
-        let mut errors = differences(&usual, &usual, 0.0);
-        for (d, error) in begun {
-            errors[d] = error;
-        }
-        shifts.push(shift_by(evaluation, structure, &over_noise(evaluation, &errors)));
-    }
-    let of_entry = |k: usize| shifts.iter().map(|shift| shift[k].powi(2)).sum::<f64>().sqrt();
+    let of_grid: Vec<Vec<f64>> = DIVISIONS
+        .par_iter()
+        .map(divided)
+        .collect::<Result<_, FitError>>()?;
+    let begun = problem.begun_again(structure, theta, &usual)?;
+    let of_start: Vec<Vec<f64>> = begun.iter().map(|other| shift(other)).collect();
+    let squares = |shifts: &[Vec<f64>], k: usize| shifts.iter().map(|shift| shift[k].powi(2)).sum::<f64>();
+    let mean_square = |k: usize| squares(&of_start, k) / of_start.len().max(1) as f64;
+    let of_entry = |k: usize| (squares(&of_grid, k) + mean_square(k)).sqrt();
     Ok((0..theta.len()).map(of_entry).collect())
 }
