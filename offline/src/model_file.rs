@@ -207,7 +207,7 @@ impl ModelFile {
         })?;
         anyhow::ensure!(
             model.format == FORMAT,
-            "{}: format is `{}`, this program reads `{FORMAT}`",
+            "{}: format is `{}`, this program reads `{FORMAT}`; run `offline diagnose` again with the same --demo",
             path.display(),
             model.format
         );

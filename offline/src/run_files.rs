@@ -12,7 +12,7 @@ pub struct FileError {
     action: &'static str,
     path: PathBuf,
     /// Not called `source`: that would be said a second time where all causes of an error are said.
-    cause: std::io::Error,
+    pub(crate) cause: std::io::Error,
 }
 
 impl FileError {

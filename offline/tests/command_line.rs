@@ -75,6 +75,10 @@ fn a_failure_says_its_cause_once_and_what_to_do_about_it() {
             "; check the path, or add the file",
         ),
         (
+            &["demo", "export", "mcap", FIT, "/proc/x.mcap"],
+            "; choose a folder that can be written to",
+        ),
+        (
             &["demo", "cut", FIT, "--out", "/proc/x"],
             "; choose a folder that can be written to",
         ),
@@ -141,6 +145,42 @@ fn a_file_in_the_place_of_a_demonstration_is_kept() {
     }
 }
 
+/// A simulation took the place of the measurement it had been asked to repeat.
+#[test]
+fn the_demonstration_that_is_read_is_never_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let measured = folder.path().join("measured");
+    let (code, said) = refusal(&[
+        "demo",
+        "cut",
+        FIT,
+        "--to",
+        "1",
+        "--out",
+        measured.to_str().unwrap(),
+    ]);
+    assert_eq!(code, Some(0), "{said}");
+    let clouds = || std::fs::read_dir(measured.join("clouds")).unwrap().count();
+    let before = clouds();
+    let (read, out) = (
+        measured.to_str().unwrap(),
+        format!("{}/../measured", measured.display()),
+    );
+    let commands: [&[&str]; 2] = [
+        &["demo", "cut", read, "--to", "0.5", "--out", &out],
+        &["simulate", "--young-pa", "1e6", "--demo", read, "--out", &out],
+    ];
+    for arguments in commands {
+        let (code, said) = refusal(arguments);
+        assert_eq!(code, Some(1), "{arguments:?}: {said}");
+        assert!(
+            said.contains("is read") && said.contains("choose another folder"),
+            "{said}"
+        );
+        assert_eq!(clouds(), before);
+    }
+}
+
 #[test]
 fn cells_are_listed_for_machines() {
     let list = ["bench-diagnosis", "--quick", "--list", "--json"];
@@ -162,13 +202,29 @@ fn a_reader_that_has_gone_ends_no_command() {
 #[test]
 fn a_run_goes_on_when_nobody_reads_its_progress() {
     let folder = tempfile::tempdir().unwrap();
-    let output = offline(&["bench-diagnosis", "--count", "--quick", "--out"])
+    let output = offline(&["fit", "--demo", FIT, "--out"])
         .arg(folder.path())
         .stderr(unread())
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    assert!(folder.path().join("bench-diagnosis.json").exists());
+    assert!(folder.path().join("model.toml").exists());
+}
+
+#[test]
+fn answers_that_are_not_there_are_not_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let (code, said) = refusal(&[
+        "bench-diagnosis",
+        "--count",
+        "--quick",
+        "--out",
+        out.to_str().unwrap(),
+    ]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("holds no answers"), "{said}");
+    assert!(!out.exists(), "a table of nothing was written");
 }
 
 #[cfg(target_os = "linux")]
@@ -205,4 +261,27 @@ fn a_run_of_ones_own_rope_is_not_made_the_sample_ropes() {
         );
     }
     assert_eq!(model(), before);
+}
+
+/// A forgotten `--held-out` or `--seed` removed a diagnosis of hours before it had anything to put in its place.
+#[test]
+fn a_diagnosis_outlives_a_command_of_other_recordings_or_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let fitted = offline(&["fit", "--demo", FIT, "--out", out]).output();
+    assert!(fitted.unwrap().status.success());
+    let diagnosis = folder.path().join("diagnosis.json");
+    std::fs::write(&diagnosis, "hours").unwrap();
+    let judge = "offline/demos/sample-rope/held-out-1";
+    let commands: [(&[&str], &str); 3] = [
+        (&["diagnose", "--demo", judge], "fitted: fit; held out: none"),
+        (&["run", "--demo", FIT, "--held-out", judge], "held out: none"),
+        (&["fit", "--demo", FIT, "--seed", "2"], "another seed"),
+    ];
+    for (command, words) in commands {
+        let (code, said) = refusal(&[command, &["--out", out]].concat());
+        assert_eq!(code, Some(1), "{command:?}: {said}");
+        assert!(said.contains(words) && said.contains("--out"), "{said}");
+        assert_eq!(std::fs::read(&diagnosis).unwrap(), b"hours");
+    }
 }

@@ -90,6 +90,17 @@ fn parts_of_parts_are_those_of_the_whole() {
 }
 
 #[test]
+fn clouds_of_a_rope_in_motion_begin_no_part() {
+    let clouds = Demo::load("demos/sample-rope/fit").unwrap();
+    let refused = clouds.cut(1.0, 1.5, StartState::Moving).unwrap_err().to_string();
+    assert!(
+        refused.contains("the part begins at 1 s") && refused.contains("--start rest"),
+        "{refused}"
+    );
+    assert!(clouds.cut(1.0, 1.5, StartState::Rest).is_ok());
+}
+
+#[test]
 fn a_time_when_nothing_was_seen_is_refused() {
     let error = recording().cut(5.0, 6.0, StartState::Moving).unwrap_err();
     assert!(

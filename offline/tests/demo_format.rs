@@ -121,6 +121,7 @@ macro_rules! refusals {
 }
 
 refusals! {
+    other_version: cloud_demo, "demo.toml", "genorm-demo/1\"" => "genorm-demo/2\"\nnew = 1", "demo.toml:1", "genorm-demo/2";
     wrong_format: cloud_demo, "demo.toml", "genorm-demo/1" => "genorm-demo/9", "demo.toml:1", "genorm-demo/9";
     unknown_key: cloud_demo, "demo.toml", "noise_m" => "temperature_k = 0.0\nnoise_m", "demo.toml:3", "temperature_k";
     unknown_scene: cloud_demo, "demo.toml", "\"lift\"" => "\"throw\"", "demo.toml:2", "throw";
@@ -303,7 +304,7 @@ fn a_cloud_without_vertices_is_refused() {
 #[test]
 fn a_cloud_with_nan_is_refused() {
     let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 nan 0\n";
-    cloud_refused(text, ":8", "0 nan 0");
+    cloud_refused(text, ":8", "drop points without depth");
 }
 
 #[test]
@@ -393,6 +394,12 @@ fn an_unsound_demo_is_not_saved_at_all() {
         points_m: Vec::new(),
     }]);
     assert!(empty.save(&dir).is_err());
+    let mut unseen = marker_demo();
+    unseen.spec.scene = SceneKind::Free;
+    unseen.spec.start = StartState::Moving;
+    unseen.observations = Observations::Markers(Vec::new());
+    let error = unseen.save(&dir).expect_err("nothing was seen").to_string();
+    assert!(error.contains("there are no samples"), "{error}");
     let mut thick = cloud_demo();
     thick.spec.rope.diameter_m = 14.0;
     assert!(thick.save(&dir).is_err());

@@ -48,6 +48,12 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
             ));
         }
     }
+    if arguments.count && chosen.is_empty() {
+        anyhow::bail!(
+            "{} holds no answers to these cells: leave --count out to make them, or name their folder with --out",
+            arguments.out.display()
+        );
+    }
     if chosen.iter().all(|cell| cell.world == "g2") {
         reporter.say(
             "no cells of the independent rod (G3): its program writes what happened, see offline bench-diagnosis --help",

@@ -5,7 +5,7 @@ use super::numbers::finite;
 use super::output::print;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
-use offline::demo::{Demo, StartState, plot_svg, summary, warnings};
+use offline::demo::{Demo, StartState, plot_svg, refuse_to_replace, summary, warnings};
 use offline::inspect::{inspect as inspect_blob, stale};
 use offline::model_file::ModelFile;
 use offline::run_files::{RunFolder, write_whole};
@@ -69,6 +69,7 @@ pub fn cut(arguments: &CutArguments, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
+    refuse_to_replace(&arguments.out, Some(&arguments.folder))?;
     let part = Demo::load(&arguments.folder)?.cut(from_s, to_s, start)?;
     write(&part, &arguments.out, json)
 }

@@ -4,9 +4,10 @@ use super::demos::write;
 use super::numbers::above_zero;
 use super::output::{note, print};
 use super::place::Place;
+use anyhow::Context;
 use clap::{Args, Subcommand};
 use offline::demo::{Demo, DemoSpec, export_mcap, import, recording};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where a recording comes from.
 #[derive(Subcommand)]
@@ -32,6 +33,18 @@ pub enum ImportCommand {
                       /joint_states --spec demo.toml --out my-rope/fit"
     )]
     Mcap(McapArguments),
+}
+
+impl ImportCommand {
+    /// What is read.
+    fn source(&self) -> &Path {
+        match self {
+            Self::Recording(recorded) => &recorded.file,
+            Self::PacCables(folders) | Self::Wires(folders) => &folders.dir,
+            Self::Deform(thinned) | Self::Noodle(thinned) => &thinned.folders.dir,
+            Self::Mcap(arguments) => &arguments.file,
+        }
+    }
 }
 
 /// A recording of the controller.
@@ -121,6 +134,8 @@ pub struct Thinned {
 
 /// Imports, writes the folders and says what is in them.
 pub fn import(source: ImportCommand, json: bool) -> anyhow::Result<()> {
+    let from = source.source().display().to_string();
+    let imported = || format!("imported from {from}");
     let (demos, out) = match source {
         ImportCommand::Recording(a) => (recording(&a.file, a.seen.as_deref())?, a.out),
         ImportCommand::PacCables(a) => (import::pac_cables(&a.dir)?, a.out),
@@ -134,13 +149,13 @@ pub fn import(source: ImportCommand, json: bool) -> anyhow::Result<()> {
                     read.empty_clouds
                 ));
             }
-            return write(&read.demo, &folder, json);
+            return write(&read.demo, &folder, json).with_context(imported);
         }
         ImportCommand::Deform(a) => (import::deform(&a.folders.dir, a.rate_hz)?, a.folders.out),
         ImportCommand::Noodle(a) => (import::noodle(&a.folders.dir, a.rate_hz)?, a.folders.out),
     };
     for demo in &demos {
-        write(demo, &out.join(&demo.name), json)?;
+        write(demo, &out.join(&demo.name), json).with_context(imported)?;
     }
     Ok(())
 }

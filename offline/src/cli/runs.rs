@@ -54,7 +54,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .unwrap_or_else(|| Path::new("runs").join(&name));
     let run = RunFolder::open(&out)?;
     let _held = run.hold()?;
-    if arguments.demo.is_empty() {
+    if arguments.demo.is_empty() || run.diagnosis().exists() {
         refuse_anothers(&run, &inputs)?;
     }
     let job = Job {
@@ -352,8 +352,8 @@ fn chosen(arguments: &RunArguments) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf
     Ok((arguments.demo.clone(), arguments.held_out.clone(), name))
 }
 
-/// Refuses to go on with the sample rope in the folder of another rope's run, whose demonstrations nobody named: its model
-/// and policy would become the sample rope's.
+/// Refuses to go on with these recordings in the folder of a run of others: hours of it would be lost to a forgotten
+/// `--held-out`, and its model and policy would become the sample rope's where nobody named any.
 fn refuse_anothers(run: &RunFolder, inputs: &Inputs) -> anyhow::Result<()> {
     // What cannot be read is no run to lose.
     let Ok(model) = ModelFile::load(&run.model()) else {
@@ -371,8 +371,8 @@ fn refuse_anothers(run: &RunFolder, inputs: &Inputs) -> anyhow::Result<()> {
     };
     anyhow::ensure!(
         own,
-        "{} is a run of other recordings (fitted: {}; held out: {}): name them again with --demo and --held-out, or give the \
-         sample rope another folder with --out",
+        "{} is a run of other recordings (fitted: {}; held out: {}): name them again with --demo and --held-out, or give \
+         these another folder with --out",
         run.path().display(),
         named(false),
         named(true)

@@ -6,7 +6,7 @@ use super::runs::shipped;
 use anyhow::Context;
 use clap::Args;
 use offline::collect::Swinger;
-use offline::demo::Demo;
+use offline::demo::{Demo, refuse_to_replace};
 use offline::effects;
 use offline::fit::Resolution;
 use offline::model::{POISSON_PRIOR, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
@@ -155,20 +155,25 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
             note(format_args!("{}: {words}", spec.id));
         }
     }
-    let demo = || -> anyhow::Result<Demo> {
-        Ok(match &arguments.demo {
-            Some(folder) => Demo::load_to_simulate(folder)?,
-            None => Demo::load(&shipped()?[0])?,
-        })
+    let folder = || -> anyhow::Result<PathBuf> {
+        match &arguments.demo {
+            Some(folder) => Ok(folder.clone()),
+            None => Ok(shipped()?[0].clone()),
+        }
     };
     if let Some(release) = &arguments.release {
         let shape = match (rope.shape, &arguments.demo) {
             (Some(shape), None) => shape,
-            _ => RopeShape::of_spec(&demo()?.spec.rope),
+            _ => RopeShape::of_spec(&Demo::load_to_simulate(folder()?)?.spec.rope),
         };
         return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
     }
-    let demo = demo()?;
+    let folder = folder()?;
+    if let Some(out) = &arguments.out {
+        // Before minutes of simulation, not after them.
+        refuse_to_replace(out, Some(&folder))?;
+    }
+    let demo = Demo::load_to_simulate(&folder)?;
     let resolution = Resolution {
         cells: arguments.cells,
     };

@@ -84,7 +84,7 @@ fn start(declared: &Declared, demo: &Demo) -> Result<(), DemoError> {
             "start at rest, or label points along the rope",
         );
     }
-    if spec.start == StartState::Moving && demo.times_s()[0].abs() > 1e-6 {
+    if spec.start == StartState::Moving && demo.times_s().first().is_some_and(|first| first.abs() > 1e-6) {
         return fail(
             "start",
             "start = \"moving\", but the first frame is not at t_s = 0",
@@ -123,16 +123,22 @@ fn one_sample_per_frame(dir: &Path, demo: &Demo) -> Result<(), DemoError> {
     Ok(())
 }
 
+/// Checks that a demonstration is of this version of the format.
+pub(super) fn format(declared: &Declared, format: &str) -> Result<(), DemoError> {
+    if format == FORMAT {
+        return Ok(());
+    }
+    Err(declared.error(
+        "format",
+        format!("format is '{format}'"),
+        &format!("this program reads '{FORMAT}'; import other formats first"),
+    ))
+}
+
 /// Checks the declared values.
 pub(super) fn spec(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
     let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
-    if spec.format != FORMAT {
-        return fail(
-            "format",
-            format!("format is '{}'", spec.format),
-            &format!("this program reads '{FORMAT}'; import other formats first"),
-        );
-    }
+    format(declared, &spec.format)?;
     if !(spec.noise_m > 0.0 && spec.noise_m <= 0.1) {
         return fail(
             "noise_m",

@@ -12,7 +12,7 @@ impl Demo {
     ///
     /// # Errors
     /// Nothing was seen in that time, or a clamp closes in a part that leaves out the beginning: where it then grips
-    /// the rope is only known from there.
+    /// the rope is only known from there; or the rope moves where the part begins, and clouds do not say how fast.
     pub fn cut(&self, from_s: f64, to_s: f64, start: StartState) -> Result<Self, DemoError> {
         let fail =
             |problem: String, remedy: &str| Err(DemoError::new(Path::new(&self.name), problem, remedy));
@@ -45,6 +45,13 @@ impl Demo {
                     "keep the beginning of the recording, or begin where the clamp holds",
                 );
             }
+        }
+        let clouds = matches!(self.observations, Observations::Clouds(_));
+        if clouds && !self.spec.is_static() && start == StartState::Moving {
+            return fail(
+                format!("the part begins at {first_s} s, and how fast a rope moves there, clouds do not say"),
+                "keep the beginning of the recording, or begin where the rope hangs still and say --start rest",
+            );
         }
         part.keep_paths(first_s, last_s);
         part.turn_directions(self);

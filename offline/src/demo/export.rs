@@ -49,8 +49,7 @@ pub fn export_mcap(demo: &Demo, file: &Path) -> Result<(), DemoError> {
             "export a demonstration with clouds, and check the disk",
         )
     })?;
-    crate::run_files::write_whole(file, &bytes)
-        .map_err(|e| DemoError::new(file, e.to_string(), "check the disk and the path"))
+    crate::run_files::write_whole(file, &bytes).map_err(|e| DemoError::unwritten(file, "writing", &e.cause))
 }
 
 fn recording(demo: &Demo) -> Result<Vec<u8>, String> {

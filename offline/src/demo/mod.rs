@@ -25,6 +25,7 @@ pub use plausible::clock_problem;
 pub use read::files;
 pub use recording::recording;
 pub use summary::{summary, warnings};
+pub use write::refuse_to_replace;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};

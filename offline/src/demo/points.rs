@@ -11,6 +11,9 @@ use ply_rs_bw::writer::Writer;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+/// What to do about points that are not finite.
+const WITHOUT_DEPTH: &str = "drop points without depth before writing the cloud";
+
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A vertex as the PLY crate fills it; other properties (colour, normals) are ignored.
@@ -88,6 +91,9 @@ fn unreadable(file: &Path, error: &ParseError) -> DemoError {
     if error.kind() == std::io::ErrorKind::UnexpectedEof {
         return DemoError::new(file, "the file ends before its header's last point", AGAIN);
     }
+    if let Some(line) = error.line().filter(|&line| says_no_number(file, line)) {
+        return DemoError::new(file, "a point is not finite", WITHOUT_DEPTH).at(line);
+    }
     let text = error.to_string();
     // The parser's text goes on with its grammar, which helps nobody who made a cloud.
     let brief: Vec<&str> = text.lines().take(2).collect();
@@ -100,6 +106,18 @@ fn unreadable(file: &Path, error: &ParseError) -> DemoError {
         Some(line) => whole.at(line),
         None => whole,
     }
+}
+
+/// Whether a line of text, counted from 1, holds NaN or infinity, for which the parser has no number.
+fn says_no_number(file: &Path, line: usize) -> bool {
+    let text = std::fs::read(file).unwrap_or_default();
+    let line = text
+        .split(|&byte| byte == b'\n')
+        .nth(line - 1)
+        .unwrap_or_default();
+    String::from_utf8_lossy(line)
+        .split_whitespace()
+        .any(|word| word.parse::<f64>().is_ok_and(|value| !value.is_finite()))
 }
 
 /// Whether anything but white space is left.
@@ -139,11 +157,7 @@ pub(super) fn check(file: &Path, points: &[[f64; 3]]) -> Result<(), DemoError> {
     for (index, point) in points.iter().enumerate() {
         if point.iter().any(|x| !x.is_finite()) {
             let problem = format!("point {index} is not finite");
-            return Err(DemoError::new(
-                file,
-                problem,
-                "drop points without depth before writing the cloud",
-            ));
+            return Err(DemoError::new(file, problem, WITHOUT_DEPTH));
         }
         if point.iter().any(|x| x.abs() > FARTHEST_M) {
             let problem = format!("point {index} lies {:.0} m away along an axis", largest(point));

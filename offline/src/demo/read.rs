@@ -73,6 +73,11 @@ fn not_a_demo(file: &Path, error: &std::io::Error) -> DemoError {
 }
 
 fn spec_of(file: &Path, text: &str) -> Result<DemoSpec, DemoError> {
+    // First, because another version's keys would be called mistakes in this one.
+    let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
+    if let Some(format) = table.get("format").and_then(toml::Value::as_str) {
+        check::format(&Declared { file, text }, format)?;
+    }
     let spec: DemoSpec = toml::from_str(text).map_err(|e| {
         let error = DemoError::new(file, e.message(), "write it as the format's description says");
         match e.span() {

@@ -7,7 +7,7 @@ use super::{ClampSample, Demo, DemoError, DemoSpec, MarkerSample, Observations};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use shared::arm::{self, FlangePose, Joints};
 use shared::blob::{self, Blob, RopeEntry, TaskFrame};
-use shared::messages::{Phase, Reason};
+use shared::messages::{Phase, Reason, degraded};
 use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
 use std::path::Path;
 
@@ -75,6 +75,13 @@ impl Run {
         };
         let head = bytes.first_chunk::<HEADER_BYTES>().and_then(Header::from_bytes);
         let header = head.ok_or_else(|| wrong("this is not a recording"))?;
+        if header.degraded & degraded::DRY_RUN != 0 {
+            return Err(DemoError::new(
+                file,
+                "this is a dry run, whose arm was imagined",
+                "record a run with an arm",
+            ));
+        }
         let rest = &bytes[HEADER_BYTES..];
         let policy_bytes = header.policy_bytes as usize;
         if rest.len() < policy_bytes {
@@ -141,7 +148,7 @@ impl Run {
             return Err(DemoError::new(
                 file,
                 "the recording holds no measured joints",
-                "record a run with an arm, not a dry run",
+                "record a run with an arm",
             ));
         }
         let observations = match seen {
@@ -172,28 +179,26 @@ impl Run {
             "No camera was given: only the gripped end is seen, which says nothing of the stiffness."
         };
         let grip_m = self.blob.task.grip_m;
+        // A name may hold quotes, which TOML has to be told of.
+        let notes = toml::Value::from(format!(
+            "Swing of rope '{}' for the goal x = {} m, recorded by the controller. {what}",
+            rope.name, swing.goal_x_m
+        ));
         let text = format!(
             "format = \"{}\"\nscene = \"swing\"\nnoise_m = {GRIP_NOISE_M}\n\
-             notes = \"Swing of rope '{}' for the goal x = {} m, recorded by the controller. {what}\"\n\
+             notes = {notes}\n\
              [rope]\nlength_m = {}\ndiameter_m = {}\nmass_kg = {}\nend_mass_kg = {}\ndirection = [0.0, 0.0, -1.0]\n\
              [table]\nheight_m = 0.0\n\
              [[clamps]]\nend = \"start\"\ngrip_m = {grip_m}\n[[clamps]]\nend = \"end\"\ngrip_m = {grip_m}\n",
             super::FORMAT,
-            rope.name,
-            swing.goal_x_m,
             rope.length_m,
             rope.diameter_m,
             rope.mass_kg,
             rope.end_mass_kg,
         );
         // As text, because a demonstration is what its file says.
-        toml::from_str(&text).map_err(|error| {
-            DemoError::new(
-                file,
-                error.message(),
-                "give a recording whose policy file names its rope plainly",
-            )
-        })
+        toml::from_str(&text)
+            .map_err(|error| DemoError::new(file, error.message(), "give a recording of a sound policy file"))
     }
 }
 
@@ -377,15 +382,16 @@ mod tests {
         }
 
         /// The file, with a policy file that holds two ropes.
-        fn bytes(&self) -> Vec<u8> {
+        fn bytes(&self, degraded: u32) -> Vec<u8> {
             let mut policy = freeze::tests::blob();
             let mut second = policy.ropes[0].clone();
-            second.name = freeze::short("rope", "blue").unwrap();
+            second.name = freeze::short("rope", "the \"blue\" one").unwrap();
             second.length_m = 0.24;
             policy.ropes.push(second).unwrap();
             let mut buffer = vec![0; blob::MAX_BLOB_BYTES];
             let policy = blob::write(&policy, &mut buffer).unwrap();
             let header = Header {
+                degraded,
                 policy_bytes: policy.len() as u64,
                 ..HEADER
             };
@@ -405,6 +411,18 @@ mod tests {
         }
     }
 
+    /// Its measured joints are the targets themselves: a demonstration of a perfect arm that nobody has.
+    #[test]
+    fn a_dry_run_is_no_demonstration() {
+        let mut cycles = Cycles::default();
+        cycles.done(goal(7, 0.40, 0), 2);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.rec");
+        std::fs::write(&file, cycles.bytes(degraded::DRY_RUN)).unwrap();
+        let refused = recording(&file, None).unwrap_err().to_string();
+        assert!(refused.contains("record a run with an arm"), "{refused}");
+    }
+
     /// Only the id of the goal accepted last is forbidden: a refused one is sent again under its id, and an id
     /// comes back after another goal.
     #[test]
@@ -417,7 +435,7 @@ mod tests {
         cycles.done(goal(7, 0.42, 0), 4);
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("run.rec");
-        std::fs::write(&file, cycles.bytes()).unwrap();
+        std::fs::write(&file, cycles.bytes(0)).unwrap();
         let demos = recording(&file, None).unwrap();
         let expected = [("0.4 m", 0.25, 2), ("0.41 m", 0.24, 3), ("0.42 m", 0.25, 4)];
         assert_eq!(demos.len(), expected.len());

@@ -13,10 +13,13 @@ impl Demo {
     ///
     /// The clouds' points are rounded to single precision. The files are written beside `dir` and
     /// moved there at the end, so a reader never meets half of a demonstration.
+    ///
+    /// # Errors
+    /// A value is none of a demonstration, something else is there, or a file cannot be written.
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DemoError> {
         let dir = dir.as_ref();
         check::demo(dir, self, "")?;
-        refuse_other_content(dir)?;
+        refuse_to_replace(dir, None)?;
         let parent = match dir.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
@@ -59,8 +62,22 @@ impl Demo {
     }
 }
 
-/// A mistyped path must not cost a user anything but a demonstration.
-fn refuse_other_content(dir: &Path) -> Result<(), DemoError> {
+/// Refuses a folder that no demonstration may be written as: a mistyped path must not cost a user anything but a
+/// demonstration, and never the one that was read.
+///
+/// # Errors
+/// Something else is there, or the demonstration of the folder `read`.
+pub fn refuse_to_replace(dir: &Path, read: Option<&Path>) -> Result<(), DemoError> {
+    if read.is_some_and(|read| {
+        dir.canonicalize()
+            .is_ok_and(|dir| read.canonicalize().is_ok_and(|read| dir == read))
+    }) {
+        return Err(DemoError::new(
+            dir,
+            "this is the demonstration that is read, and it would be replaced",
+            "choose another folder",
+        ));
+    }
     match std::fs::metadata(dir) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(DemoError::unwritten(dir, "looking it up", &error)),

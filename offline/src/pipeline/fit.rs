@@ -94,18 +94,25 @@ pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<
 /// has left better ones; says whether it wrote them.
 ///
 /// # Errors
-/// The base model cannot be fitted, or a file cannot be written.
+/// A diagnosis of other settings is there, the base model cannot be fitted, or a file cannot be written.
 pub fn fit(
     inputs: &Inputs,
     settings: &RunSettings,
     run: &RunFolder,
     progress: &dyn Fn(&str),
 ) -> anyhow::Result<(BaseFit, bool)> {
+    let key = inputs.key(settings);
+    let diagnosed = super::identify::earlier(run, key).is_some();
+    anyhow::ensure!(
+        diagnosed || !run.diagnosis().exists(),
+        "{} is of another seed or preset, or by another version of this program, and a fit alone would replace it: give the \
+         fit another folder with --out, or make the diagnosis anew with `offline diagnose`",
+        run.diagnosis().display()
+    );
     let (demos, held_out) = inputs.members();
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let base = fit_only(&demos, &held_out, &options, progress)?;
-    let key = inputs.key(settings);
-    if super::identify::earlier(run, key).is_some() {
+    if diagnosed {
         progress("a diagnosis of the same data is there: its files stay as they are");
         return Ok((base, false));
     }

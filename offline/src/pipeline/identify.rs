@@ -73,7 +73,6 @@ pub fn identify(
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
-            super::fit::forget_others(run, progress)?;
             let mut outcome = diagnosed(&demos, &held_out, &options, (run, key), progress)?;
             // What follows takes minutes of a thick rope.
             progress(&format!(
@@ -92,6 +91,8 @@ pub fn identify(
             if outcome.verdict == Verdict::NothingMissing && advice.swing.matter_unseen() {
                 outcome.reasons.push(ReasonCode::Underpowered);
             }
+            // Not sooner: until the new one is whole, the old one is what there is.
+            super::fit::forget_others(run, progress)?;
             save(run, key, &outcome, force.as_ref(), &advice)?;
             // Whether or not it can be removed: from here on nobody reads it.
             let _ = std::fs::remove_file(run.memory());

@@ -125,10 +125,12 @@ impl Inputs {
         told.collect()
     }
 
-    /// Whether a model was fitted to the same demonstrations.
+    /// Whether a model was fitted to the same demonstrations and judged by ones of the same names.
     pub fn of_model(&self, model: &ModelFile) -> bool {
         let hashes = self.hashes.iter().map(|&hash| hex(hash));
-        hashes.eq(model.provenance.demos.iter().cloned())
+        let own = self.held_out.iter().map(|demo| &demo.name);
+        let its = model.scene.iter().filter(|scene| scene.held_out);
+        hashes.eq(model.provenance.demos.iter().cloned()) && own.eq(its.map(|scene| &scene.demo))
     }
 
     /// Hash of everything that fit and diagnosis depend on.

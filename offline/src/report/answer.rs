@@ -70,9 +70,9 @@ fn rope_line(found: &[Estimate]) -> Markup {
         @for (index, estimate) in found.iter().take(2).enumerate() {
             @if index > 0 { ", " }
             @if estimate.identified {
-                (parameter_title(&estimate.name)) " = " b { (value(estimate)) }
+                (parameter_title(&estimate.name, &estimate.unit)) " = " b { (value(estimate)) }
             } @else {
-                (parameter_title(&estimate.name)) " not identified"
+                (parameter_title(&estimate.name, &estimate.unit)) " not identified"
             }
         }
         "."
@@ -145,7 +145,7 @@ fn parameters(
             }
             @for estimate in found {
                 tr {
-                    td { (parameter_title(&estimate.name)) }
+                    td { (parameter_title(&estimate.name, &estimate.unit)) }
                     td { (cell(base.iter().find(|one| one.name == estimate.name))) }
                     td { (cell(Some(estimate))) }
                     @if !profiles.is_empty() {

@@ -44,7 +44,7 @@ fn question(question: &Question) -> Markup {
             },
             Question::Narrow { parameter, unit: of, half_width, swing_mm } => {
                 p {
-                    "These data leave open the " (parameter_title(parameter)) ": its 90 % interval is ± "
+                    "These data leave open the " (parameter_title(parameter, of)) ": its 90 % interval is ± "
                     (with_unit(&significant(*half_width), of)) ", which is worth ± "
                     (format!("{swing_mm:.1}")) " mm of the swing’s reach."
                 }
@@ -151,7 +151,7 @@ fn unseen(unseen: &[Unseen]) -> Markup {
             ul {
                 @for one in unseen {
                     li {
-                        b { (parameter_title(&one.name)) } " of " (with_unit(&significant(one.size), &one.unit))
+                        b { (parameter_title(&one.name, &one.unit)) } " of " (with_unit(&significant(one.size), &one.unit))
                         (format!(": {:.0} %", 100.0 * one.power))
                     }
                 }
@@ -166,7 +166,7 @@ fn listed<T: Copy>(values: &[T], text: impl Fn(T) -> String) -> String {
 
 fn risk_row(risk: &SwingRisk) -> Markup {
     let allowed = &risk.allowed;
-    let title = parameter_title(&allowed.name);
+    let title = parameter_title(&allowed.name, &allowed.unit);
     let (scale, of) = match allowed.unit.as_str() {
         "Pa" => (1e6, "MPa"),
         other => (1.0, unit(other)),

@@ -97,8 +97,9 @@ pub(super) fn effect_title(id: &str) -> &str {
     effects::find(id).map_or(id, |index| effects::ALL[index].title)
 }
 
-/// A parameter's name within its effect without the unit at its end, which stands by the value.
-pub(super) fn without_unit(parameter: &str) -> String {
+/// A parameter's name within its effect without the unit at its end, which stands by the value. What has the unit "1"
+/// has none in its name: the second of a share of one second is not a unit of the share.
+pub(super) fn without_unit(parameter: &str, unit: &str) -> String {
     let units = [
         "_rad_per_n_m",
         "_m2_s2",
@@ -111,17 +112,20 @@ pub(super) fn without_unit(parameter: &str) -> String {
         "_m",
         "_pa",
     ];
-    let bare = units.iter().find_map(|unit| parameter.strip_suffix(unit));
+    let bare = units
+        .iter()
+        .filter(|_| unit != "1")
+        .find_map(|unit| parameter.strip_suffix(unit));
     bare.unwrap_or(parameter).replace('_', " ")
 }
 
-/// A parameter's name for people.
-pub(super) fn parameter_title(name: &str) -> String {
+/// The name of a parameter of this unit, for people.
+pub(super) fn parameter_title(name: &str, unit: &str) -> String {
     match (name, name.split_once('.')) {
         ("young_pa", _) => "Young’s modulus E".to_owned(),
         ("poisson", _) => "Poisson’s ratio ν".to_owned(),
         (_, Some((effect, parameter))) => {
-            format!("{}: {}", effect_title(effect), without_unit(parameter))
+            format!("{}: {}", effect_title(effect), without_unit(parameter, unit))
         }
         _ => name.to_owned(),
     }

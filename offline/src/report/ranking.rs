@@ -188,7 +188,7 @@ fn one_step(score: &Score) -> Markup {
     html! {
         @for (spec, (estimate, error)) in specs.iter().zip(values) {
             div {
-                span.quiet { (without_unit(spec.name)) } " "
+                span.quiet { (without_unit(spec.name, spec.unit)) } " "
                 @if error.is_finite() && (*estimate != 0.0 || *error > 0.0) {
                     (with_error(spec.vanishes_at + estimate, *error)) " " (unit(spec.unit))
                 } @else {
@@ -274,7 +274,7 @@ fn refits(round: &Round) -> Markup {
             p {
                 "Refitted with " b { (titles(&refit.ids)) }
                 @for p in &refit.parameters {
-                    ", " (without_unit(p.name.split_once('.').map_or(p.name.as_str(), |(_, name)| name)))
+                    ", " (without_unit(p.name.split_once('.').map_or(p.name.as_str(), |(_, name)| name), &p.unit))
                     " = " (with_error(p.value, p.standard_error)) " " (unit(&p.unit))
                     @if !p.identified { " (not identified)" }
                 }

@@ -56,7 +56,7 @@ fn parameters((outcome, profiles): (&Outcome, &[Profile]), density_kg_m3: Option
             let before = base.iter().find(|e| e.name == found.name);
             let interval = (!profiles.is_empty()).then(|| interval(found, 1.0, profiles).unwrap_or_default());
             let mut row = vec![
-                parameter_title(&found.name),
+                parameter_title(&found.name, &found.unit),
                 before.map_or_else(String::new, value),
                 value(found),
             ];

@@ -464,8 +464,12 @@ fn clouds_are_thinned_evenly_and_frames_hold_the_ends() {
 #[test]
 fn parameters_have_titles_for_people() {
     assert_eq!(
-        page::parameter_title("curvature_gradient.toward_up_per_m2"),
+        page::parameter_title("curvature_gradient.toward_up_per_m2", "1/m²"),
         "curvature gradient: toward up"
     );
-    assert_eq!(page::parameter_title("tip_mass.mass_kg"), "tip mass: mass");
+    assert_eq!(page::parameter_title("tip_mass.mass_kg", "kg"), "tip mass: mass");
+    assert_eq!(
+        page::parameter_title("relaxation.share_of_1_s", "1"),
+        "relaxation: share of 1 s"
+    );
 }

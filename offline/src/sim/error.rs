@@ -11,7 +11,7 @@ use thiserror::Error;
 pub enum Cause {
     /// The material turned inside out.
     #[error(
-        "particle {particle} is inverted (det F = {det:.3}): the rope is strained too much; make it stiffer or lighter, move it more slowly, or lower an effect that bends or weakens it (rest curvature, yield, bending ratio); a scene with half the step_share shows whether the step is to blame"
+        "particle {particle} is inverted (det F = {det:.3}): the rope is strained too much; make it stiffer or lighter, move it more slowly, or lower an effect that bends or weakens it (rest curvature, yield, bending ratio)"
     )]
     Inverted {
         /// Index of the particle.
@@ -21,7 +21,7 @@ pub enum Cause {
     },
     /// A value is NaN or infinite.
     #[error(
-        "particle {particle} is not finite: the run is unstable; an effect may be too strong, or the scene's step_share too large"
+        "particle {particle} is not finite: the run is unstable: an effect may be too strong, or a clamp's path jump"
     )]
     NonFinite {
         /// Index of the particle.
@@ -29,7 +29,7 @@ pub enum Cause {
     },
     /// A particle moved further than half a cell in one step: the CFL condition is violated.
     #[error(
-        "particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL): lower the gripper's speed, the time of free fall or the scene's step_share"
+        "particle {particle} moves at {speed_m_s:.1} m/s, more than half a cell per step (CFL): lower the gripper's speed or the time of free fall, and look for jumps in a clamp's path and its times"
     )]
     TooFast {
         /// Index of the particle.
