@@ -44,9 +44,16 @@ impl Bridge {
     /// Carries everything that waits, once; `on_status` sees each status as it passes.
     pub fn round(&mut self, queues: &Queues, on_status: &mut dyn FnMut(&Status)) {
         let mut failures = [
-            take(&self.commands, queues, |command| queues.put_command(command)),
-            take(&self.goals, queues, |goal| queues.put(&queues.goals, goal)),
-            take(&self.robots, queues, |robot| queues.put(&queues.robots, robot)),
+            // All that there can be: behind one client's flood another's emergency stop may wait.
+            take(&self.commands, COMMANDS.waiting_max(), queues, |command| {
+                queues.put_command(command)
+            }),
+            take(&self.goals, REQUEST_QUEUE, queues, |goal| {
+                queues.put(&queues.goals, goal)
+            }),
+            take(&self.robots, REQUEST_QUEUE, queues, |robot| {
+                queues.put(&queues.robots, robot)
+            }),
             None,
             None,
         ];
@@ -99,14 +106,15 @@ fn rest_until_ns(now_ns: u64, cycle_ns: u64, turned: bool) -> Option<u64> {
     }
 }
 
-/// From a port to where `put` puts it, no more than the loop has room for, so that a flood on one port does not keep the
-/// others waiting; what went wrong, if anything did.
+/// From a port to where `put` puts it, no more than `most`, so that a flood on one port does not keep the others waiting;
+/// what went wrong, if anything did.
 fn take<T: Payload>(
     port: &Subscriber<ipc::Service, T, ()>,
+    most: usize,
     queues: &Queues,
     put: impl Fn(T),
 ) -> Option<String> {
-    for _ in 0..REQUEST_QUEUE {
+    for _ in 0..most {
         match port.receive() {
             Ok(Some(sample)) => put(*sample),
             Ok(None) => break,

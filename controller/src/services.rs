@@ -118,6 +118,11 @@ pub fn node(config: &Config) -> Result<Node<ipc::Service>, ServiceError> {
 }
 
 impl Topic {
+    /// Most messages that can wait at a subscriber.
+    pub fn waiting_max(&self) -> usize {
+        self.publishers_max * self.buffer
+    }
+
     /// Creates the service (controller) or opens it (client). The overwriting buffer means that a slow
     /// reader loses the oldest samples and never holds up the sender.
     fn service<T: Payload>(

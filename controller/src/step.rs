@@ -211,8 +211,11 @@ impl Controller {
             && robot.stamp_ns >= oldest_ns.max(self.robot.stamp_ns)
             && robot.stamp_ns <= now_ns.saturating_add(GOAL_AHEAD_MAX_NS);
         if sensible {
+            // The same measurement once more is no news: its driver may have lost the arm.
+            if robot.stamp_ns > self.robot.stamp_ns {
+                self.silent_cycles = 0;
+            }
             self.robot = *robot;
-            self.silent_cycles = 0;
         } else {
             self.status.messages_ignored += 1;
         }
@@ -294,6 +297,9 @@ impl Controller {
         let sent_ns = command.stamp_ns.min(now_ns);
         let reason = match (CommandKind::from_code(command.kind), command.id) {
             (Some(CommandKind::EmergencyStop), _) => {
+                // Of a stop without a sensible stamp is only known that it is here now.
+                let sensible = now_ns - sent_ns <= GOAL_AGE_MAX_NS;
+                let sent_ns = if sensible { sent_ns } else { now_ns };
                 self.stop_sent_ns = self.stop_sent_ns.max(sent_ns);
                 self.drop_sent_ns = self.drop_sent_ns.max(sent_ns);
                 self.stop(After::Latch(Reason::EmergencyStop));
@@ -389,9 +395,10 @@ impl Controller {
         if self.cycles_to_target != 1 || !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
             return;
         }
-        if self.targets_sent == 0 {
-            // A program before this one may have left it closed on the rope; nobody asked to let go.
-            self.gripper = Gripper::from_code(self.robot.gripper).unwrap_or_default();
+        if let Some(reported) = Gripper::from_code(self.robot.gripper) {
+            // A program before this one may have left it closed on the rope, and while no targets were sent a person may have
+            // opened it: nobody asked for another state.
+            self.gripper = reported;
         }
         self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
         self.stream_begun = false;

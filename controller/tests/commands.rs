@@ -73,6 +73,24 @@ fn a_stop_with_a_stamp_from_the_future_can_be_reset() {
     world.accept();
 }
 
+/// Where nobody knows when the stop was sent, a reset that waits beside it does not undo it.
+#[test]
+fn a_stop_without_a_stamp_is_as_new_as_its_arrival() {
+    let mut world = World::idle();
+    world.command(CommandKind::EmergencyStop);
+    world.run_to(Phase::Fault);
+    let reset = world.order(CommandKind::Reset);
+    world.run(1);
+    let mut stop = world.order(CommandKind::EmergencyStop);
+    stop.stamp_ns = 0;
+    world.next.command = Some(stop);
+    world.run(1);
+    world.next.command = Some(reset);
+    world.run(1);
+    assert_eq!(world.status.command_reason, Reason::OutOfOrder.code());
+    assert_eq!(world.controller.phase(), Phase::Fault);
+}
+
 #[test]
 fn what_is_no_command_is_ignored_and_a_malformed_one_is_answered() {
     let mut world = World::idle();

@@ -274,6 +274,21 @@ fn the_first_target_leaves_the_gripper_as_the_arm_reports_it() {
     }
 }
 
+/// Its driver had crashed, and a person opened the gripper to free the rope: it snapped shut with the first target.
+#[test]
+fn a_later_stream_leaves_the_gripper_as_the_arm_reports_it_too() {
+    for gripper in [Gripper::Closed, Gripper::Open] {
+        let mut world = World::idle();
+        world.command(CommandKind::EmergencyStop);
+        world.run_to(Phase::Fault);
+        world.arm.as_mut().unwrap().gripper = gripper.code();
+        world.command(CommandKind::Reset);
+        world.run(2);
+        let last = world.targets.last().unwrap();
+        assert_eq!((last.stream, last.gripper), (2, gripper.code()));
+    }
+}
+
 #[test]
 fn an_error_of_the_arm_latches_while_waiting_too() {
     let mut world = World::new();
@@ -346,6 +361,18 @@ fn silence_of_the_arm_stops_a_motion_and_only_pauses_idleness() {
     world.run_to(Phase::Fault);
     assert_eq!(world.latch(), Reason::RobotSilent);
     limits_hold(&world.targets).unwrap();
+}
+
+/// A driver that has lost its arm and sends the last measurement again and again was believed for twice as long.
+#[test]
+fn a_measurement_that_is_repeated_counts_as_silence() {
+    let mut world = World::idle();
+    let state = world.arm.take();
+    for _ in 0..SILENT_CYCLES + 2 {
+        world.next.robot = state;
+        world.run(1);
+    }
+    assert_eq!(world.controller.phase(), Phase::Waiting);
 }
 
 #[test]

@@ -124,7 +124,7 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
                         frame,
                         station,
                         arc_m: marker.s_m,
-                        position_m: marker.position_m,
+                        position_m: predicted,
                         direction,
                         offset_m: marker.position_m[k] - predicted[k],
                         sigma_m: demo.spec.noise_m.hypot(SYSTEMATIC_M),

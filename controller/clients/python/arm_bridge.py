@@ -2,7 +2,8 @@
 
 An arm is an object with these methods; `xarm_bridge.py` and `mujoco_bridge.py` have one each:
 
-    read()              -> (q_rad, dq_rad_s, error_code), measured joints; called every period
+    read()              -> (q_rad, dq_rad_s, error_code), measured joints; called every period. NO_ANSWER is the
+                        code where the arm may be well and only could not be asked
     command(q_rad)      sends joints to the arm; may raise ArmError
     grip(closed)        tells the gripper; must not wait for it
     gripped()           -> whether the gripper is closed on something now; asked once, at the start
@@ -25,6 +26,17 @@ TARGET_AGE_MAX_S = 0.1
 # A target farther than this from the measured joints is not sent: the arm would jump to it. The
 # controller's own limit for an arm that does not follow is 0.15 rad.
 JUMP_MAX_RAD = 0.2
+
+# A step of the stream longer than this is not sent: the fastest joint moves 0.013 rad from one target to the next at
+# 250 Hz. One that is longer has left targets out, because somebody was held up, and the arm would make up for them at
+# once.
+STEP_MAX_RAD = 0.05
+
+# Reported where targets were left out.
+STREAM_TORN = 998
+
+# Reported when the connection, not the arm, says no.
+NO_ANSWER = 999
 
 # Before connecting again where iceoryx2 refused.
 RECONNECT_PAUSE_S = 0.1
@@ -54,6 +66,7 @@ class Bridge:
         self.error = 0
         self.last_recovery_s = float("-inf")
         self.sent_seq = 0
+        self.sent_q_rad = None
         self._skip_newest()
 
     def turn(self, state):
@@ -63,7 +76,8 @@ class Bridge:
         q_rad, dq_rad_s, error_code = self.arm.read()
         self.error = error_code or self.error
         target = self.port.newest_target()
-        if self.error:
+        # An arm that could not be asked is still slowed down by the targets: without them it would stop dead.
+        if self.error and (self.error != NO_ANSWER or state is Phase.FAULT):
             self._recover_when_stopped(state)
         elif target is not None and self._is_new(target):
             self._follow(target, q_rad)
@@ -73,6 +87,7 @@ class Bridge:
     def _skip_newest(self):
         """The target that is there now is never sent: the arm may have been moved since it was made."""
         target = self.port.newest_target()
+        self.sent_q_rad = None
         if target is not None:
             self.sent_seq = target.seq
 
@@ -81,13 +96,17 @@ class Bridge:
         return target.seq not in (0, self.sent_seq) and age_s <= TARGET_AGE_MAX_S
 
     def _follow(self, target, q_rad):
-        farthest = max(abs(goal - now) for goal, now in zip(target.q_rad, q_rad))
         self.sent_seq = target.seq
-        if farthest > JUMP_MAX_RAD:
+        if farthest(target.q_rad, q_rad) > JUMP_MAX_RAD:
             # The arm is not where the stream has it, which the controller latches.
+            return
+        if farthest(target.q_rad, self.sent_q_rad or q_rad) > STEP_MAX_RAD:
+            print("bridge: targets were left out, and the arm would jump: something holds up this program")
+            self.error = STREAM_TORN
             return
         try:
             self.arm.command(list(target.q_rad))
+            self.sent_q_rad = list(target.q_rad)
             closed = target.gripper == Gripper.CLOSED
             if closed != self.closed:
                 self.closed = closed
@@ -111,6 +130,11 @@ class Bridge:
         self.error = 0
         self._skip_newest()
         print("bridge: the arm is clear again; reset the controller to go on")
+
+
+def farthest(q_rad, other_rad):
+    """The largest difference of any joint, rad."""
+    return max(abs(a - b) for a, b in zip(q_rad, other_rad))
 
 
 def play(arm, client, seconds):

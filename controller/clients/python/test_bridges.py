@@ -17,9 +17,9 @@ import arm_bridge
 import genorm_ipc
 import xarm7_mjcf
 import xarm_bridge
-from arm_bridge import RECOVERY_PAUSE_S, TARGET_AGE_MAX_S, ArmError, Bridge
+from arm_bridge import NO_ANSWER, RECOVERY_PAUSE_S, STEP_MAX_RAD, STREAM_TORN, TARGET_AGE_MAX_S, ArmError, Bridge
 from genorm_ipc import JOINTS, Gripper, JointTarget, NotConnected, Phase
-from xarm_bridge import GRIPPER_CLOSED, GRIPPER_OPEN, XArm
+from xarm_bridge import GRIPPER_CLOSED, GRIPPER_FAILED, GRIPPER_OPEN, XArm
 
 
 class FakeXArmAPI:
@@ -32,6 +32,7 @@ class FakeXArmAPI:
         self.clearable = True
         self.answers = True
         self.gripper_answer = (0, GRIPPER_OPEN)
+        self.gripper_obeys = True
 
     def __getattr__(self, name):
         def call(*arguments, **options):
@@ -45,6 +46,10 @@ class FakeXArmAPI:
 
     def get_gripper_position(self):
         return self.gripper_answer
+
+    def set_gripper_position(self, position, wait=True):
+        self.calls.append(("set_gripper_position", (position,), {"wait": wait}))
+        return 0 if self.gripper_obeys else 19
 
     def set_servo_angle_j(self, angles, is_radian=None):
         self.calls.append(("set_servo_angle_j", tuple(angles), {"is_radian": is_radian}))
@@ -130,6 +135,21 @@ class Streaming(WithFakes):
         self.bridge.turn(Phase.IDLE)
         self.assertEqual(self.api.asked("set_servo_angle_j"), [])
 
+    def test_targets_that_were_left_out_are_not_made_up_for_in_one_step(self):
+        self.port.next(self.near(0.01))
+        self.bridge.turn(Phase.HOMING)
+        for _ in range(8):
+            # This program is held up in a fast motion.
+            self.port.next(self.near(1.1 * STEP_MAX_RAD))
+        self.bridge.turn(Phase.HOMING)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), 1)
+        self.bridge.turn(Phase.HOMING)
+        self.assertEqual(self.port.states[-1][1], STREAM_TORN)
+        self.bridge.turn(Phase.FAULT)
+        self.port.next(self.near(0.0))
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), 2)
+
     def test_the_gripper_is_told_once_per_change_without_waiting(self):
         for gripper in (Gripper.CLOSED, Gripper.CLOSED, Gripper.OPEN, Gripper.CLOSED):
             self.port.next(self.near(0.001), gripper)
@@ -182,7 +202,7 @@ class Old(WithFakes):
         self.assertEqual(self.sent(), [goal])
 
     def test_an_old_target_is_not_sent(self):
-        goal = self.near(0.1)
+        goal = self.near(0.04)
         self.port.next(goal)
         self.port.now_s += TARGET_AGE_MAX_S + 0.001
         self.bridge.turn(Phase.IDLE)
@@ -313,6 +333,33 @@ class Errors(WithFakes):
         self.assertEqual(len(self.api.asked("clean_error")), before + 1)
         self.port.now_s += RECOVERY_PAUSE_S
         self.api.clearable = True
+        self.bridge.turn(Phase.FAULT)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.port.states[-1][1], 0)
+
+    def test_an_arm_that_could_not_be_asked_is_slowed_down_by_the_targets(self):
+        self.api.answers = False
+        for _ in range(3):
+            self.port.next(self.near(0.01))
+            self.bridge.turn(Phase.STOPPING)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), 3)
+        self.assertEqual({state[1] for state in self.port.states}, {NO_ANSWER})
+        self.api.answers = True
+        self.port.next(self.near(0.01))
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), 3)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.port.states[-1][1], 0)
+
+    def test_a_gripper_that_fails_stops_the_arm(self):
+        self.api.gripper_obeys = False
+        self.port.next(self.near(0.0), Gripper.CLOSED)
+        self.bridge.turn(Phase.GRASP)
+        deadline = time.monotonic() + 5
+        while self.arm.gripper_error == 0 and time.monotonic() < deadline:
+            time.sleep(0.001)
+        self.bridge.turn(Phase.GRASP)
+        self.assertEqual(self.port.states[-1][1], GRIPPER_FAILED + 19)
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(self.port.states[-1][1], 0)

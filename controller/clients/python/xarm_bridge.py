@@ -11,7 +11,7 @@ import sys
 import threading
 
 import arm_bridge
-from arm_bridge import ArmError
+from arm_bridge import NO_ANSWER, ArmError
 from genorm_ipc import JOINTS, NotConnected
 
 SERVO_MODE = 1
@@ -24,8 +24,8 @@ GRIPPER_SURELY_OPEN = 800
 # Its fastest, r/min.
 GRIPPER_SPEED = 5000
 
-# Reported when the connection, not the control box, says no.
-NO_ANSWER = 999
+# Reported when the gripper did not do what it was told, beside the code that it answers.
+GRIPPER_FAILED = 900
 
 
 class XArm:
@@ -34,6 +34,7 @@ class XArm:
     def __init__(self, api):
         self.api = api
         self.wishes = queue.Queue()
+        self.gripper_error = 0
         self.gripper_thread = threading.Thread(target=self._serve_gripper, daemon=True)
         self.recover()
         self._check("enable the gripper", api.set_gripper_enable(True))
@@ -53,7 +54,7 @@ class XArm:
             # The last known joints with an error: never a pose made up as if it were measured now.
             return self.q_rad, [0.0] * JOINTS, self.api.error_code or NO_ANSWER
         self.q_rad = list(states[0][:JOINTS])
-        return self.q_rad, list(states[1][:JOINTS]), self.api.error_code
+        return self.q_rad, list(states[1][:JOINTS]), self.api.error_code or self.gripper_error
 
     def command(self, q_rad):
         """One point of the stream."""
@@ -80,7 +81,8 @@ class XArm:
             code = self.api.set_gripper_position(GRIPPER_CLOSED if closed else GRIPPER_OPEN, wait=False)
             if code != 0:
                 print(f"xarm_bridge: the gripper answers {code}")
-                self.api.clean_gripper_error()
+                # An arm that goes on would pull at a rope that was not let go, or leave one that was not grasped.
+                self.gripper_error = GRIPPER_FAILED + min(abs(code), 90)
 
     def recover(self):
         """After any error the arm is in state 4: clear, enable, mode 1, ready, and read the pose anew."""
@@ -92,6 +94,10 @@ class XArm:
         self._check("make the arm ready", api.set_state(READY))
         if api.error_code:
             raise ArmError(f"error {api.error_code} stays: look at the arm", api.error_code)
+        if self.gripper_error:
+            api.clean_gripper_error()
+            self._check("enable the gripper", api.set_gripper_enable(True))
+            self.gripper_error = 0
         code, states = api.get_joint_states(is_radian=True, num=2)
         self._check("read the joints", code)
         self.q_rad = list(states[0][:JOINTS])

@@ -6,13 +6,15 @@ use super::{ClampSample, Demo, StartState};
 const MOVED_M: f64 = 1e-4;
 /// A clamp whose quaternion differs by no more than this has not turned.
 const TURNED: f64 = 1e-4;
+/// A straight rope lies on the table where no clamp holds it higher than so many of its diameters.
+const LYING_DIAMETERS: f64 = 2.0;
 
 impl Demo {
     /// How many of the frames at `times_s` show the rope at rest: before any clamp moves, turns, opens or closes. None where
-    /// nothing holds the rope or says that it rests: one that begins straight does so on a table alone.
+    /// nothing holds the rope or says that it rests: one that begins straight does so lying on a table alone.
     pub fn rest_frames(&self, times_s: &[f64]) -> usize {
         let rests = match self.spec.start {
-            StartState::Straight => self.spec.table.is_some(),
+            StartState::Straight => self.lies_on_the_table(),
             StartState::Rest => true,
             StartState::Moving => false,
         };
@@ -22,6 +24,16 @@ impl Demo {
         let until_s = self.clamps.iter().filter_map(|path| changes_at_s(path));
         let until_s = until_s.fold(f64::INFINITY, f64::min);
         times_s.iter().filter(|&&t_s| t_s < until_s).count()
+    }
+
+    /// Whether a straight rope begins on the table and not in the air above it, from where it falls.
+    fn lies_on_the_table(&self) -> bool {
+        let Some(table) = &self.spec.table else {
+            return false;
+        };
+        let most_m = table.height_m + LYING_DIAMETERS * self.spec.rope.diameter_m;
+        let mut firsts = self.clamps.iter().filter_map(|path| path.first());
+        firsts.all(|first| first.position_m[2] <= most_m)
     }
 }
 
@@ -107,9 +119,11 @@ mod tests {
         free.clamps.clear();
         let mut in_the_air = held();
         in_the_air.spec.table = None;
+        let mut above_the_table = held();
+        above_the_table.clamps[0][0].position_m[2] += 0.1;
         let mut moving = held();
         moving.spec.start = StartState::Moving;
-        for demo in [free, in_the_air, moving] {
+        for demo in [free, in_the_air, above_the_table, moving] {
             assert_eq!(demo.rest_frames(&times_s), 0);
         }
     }

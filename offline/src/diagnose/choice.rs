@@ -2,6 +2,7 @@
 
 use super::gates::{Gate, not_refined, refinement_gate, superfluous, taken_away_mm};
 use super::memory::KeptModel;
+use super::noise::independent;
 use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
@@ -205,17 +206,20 @@ fn rig_off(structure: &Structure, theta: &[f64]) -> f64 {
         .sum()
 }
 
-/// Two models tie when their sums of squares per independent offset differ by less than two standard
-/// errors of such a sum.
+/// Two models tie when their mean squares differ by less than two standard errors of one.
 pub(super) fn ties(best: &FitResult, other: &FitResult) -> bool {
     let reduced = |f: &FitResult| ResidualSummary::of(&f.best).correlation.reduced_chi_square;
     reduced(other) - reduced(best) < tie_spread(&best.best)
 }
 
-/// Difference of sums of squares per offset below which a model ties with the best.
+/// Difference of mean squares below which a model ties with the best. Correlation leaves more independent squares than
+/// independent offsets.
 pub(super) fn tie_spread(best: &Evaluation) -> f64 {
-    let summary = ResidualSummary::of(best);
-    2.0 * (2.0 / summary.effective_rows.max(1.0)).sqrt() * summary.correlation.reduced_chi_square
+    let ResidualSummary {
+        rows, correlation, ..
+    } = ResidualSummary::of(best);
+    let squares = rows as f64 * independent(correlation.in_time) * independent(correlation.along_rope);
+    2.0 * (2.0 / squares.max(1.0)).sqrt() * correlation.reduced_chi_square
 }
 
 /// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was

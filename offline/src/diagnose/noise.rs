@@ -47,8 +47,8 @@ impl Noise {
 
     /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few.
     ///
-    /// Each station's offsets are an autoregressive series about an unknown mean, so whatever the model
-    /// predicts at rest does not matter. Correlation and size maximise the restricted likelihood (Patterson
+    /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
+    /// not matter. Correlation and size maximise the restricted likelihood (Patterson
     /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
     pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
@@ -56,7 +56,7 @@ impl Noise {
             let frames = demo.rest_frames(&scene.frame_times_s);
             if frames >= MIN_REST_FRAMES {
                 let stations = station_arcs_m(demo).len();
-                series.extend(rest_series(rows, frames, stations));
+                series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
             }
         }
         Self::of_series(&series)
@@ -74,7 +74,7 @@ impl Noise {
                 (r, variance, likelihood)
             })
             .max_by(|a, b| a.2.total_cmp(&b.2))?;
-        let free: f64 = series.iter().map(|s| s.offsets.len() as f64 - 1.0).sum();
+        let free: f64 = series.iter().map(|s| s.places.len() as f64 - 1.0).sum();
         if variance.sqrt() < LEAST_SCALE {
             // What is left there is rounding or creep: how it hangs together says nothing of the noise.
             return Some(Self {
@@ -132,20 +132,21 @@ impl Noise {
 }
 
 /// Share of the values of an autoregressive series that count as independent in their mean square.
-fn independent(correlation: f64) -> f64 {
+pub(super) fn independent(correlation: f64) -> f64 {
     let square = correlation * correlation;
     (1.0 - square) / (1.0 + square)
 }
 
-/// Offsets of one station along one direction over the frames at rest, in declared standard errors.
+/// Measured places of one station along one direction over the frames at rest, in declared standard errors.
 struct Series {
     station: usize,
     direction: [f64; 3],
-    offsets: Vec<f64>,
+    places: Vec<f64>,
 }
 
-/// Series of the stations that are seen in every frame at rest.
-fn rest_series(rows: &[Row], frames: usize, stations: usize) -> Vec<Series> {
+/// Series of the stations that are seen in every frame at rest; `scale` is what the rows' standard errors are over the
+/// declared ones.
+fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> Vec<Series> {
     let mut found = Vec::new();
     for station in 0..stations {
         let at: Vec<&Row> = rows
@@ -155,22 +156,20 @@ fn rest_series(rows: &[Row], frames: usize, stations: usize) -> Vec<Series> {
         let Some(first) = at.first() else { continue };
         let axes: Vec<&&Row> = at.iter().filter(|r| r.frame == first.frame).collect();
         for axis in axes {
-            let offsets: Vec<f64> = (0..frames)
-                .filter_map(|frame| {
-                    // Directions may turn a little from frame to frame: offsets are added as vectors.
-                    let mut here = at.iter().filter(|r| r.frame == frame).peekable();
-                    here.peek()?;
-                    Some(
-                        here.map(|r| r.offset_m / r.sigma_m * alike(&r.direction, &axis.direction))
-                            .sum(),
-                    )
-                })
-                .collect();
-            if offsets.len() == frames {
+            // Where it was measured: a simulated rope that settles meanwhile is no noise. Offsets are added as vectors, for
+            // directions may turn a little from frame to frame.
+            let place = |frame: usize| {
+                let mut here = at.iter().filter(|r| r.frame == frame).peekable();
+                let predicted_m = alike(&here.peek()?.position_m, &axis.direction) / axis.sigma_m;
+                let offsets = here.map(|r| r.offset_m / r.sigma_m * alike(&r.direction, &axis.direction));
+                Some(scale * (predicted_m + offsets.sum::<f64>()))
+            };
+            let places: Vec<f64> = (0..frames).filter_map(place).collect();
+            if places.len() == frames {
                 found.push(Series {
                     station,
                     direction: axis.direction,
-                    offsets,
+                    places,
                 });
             }
         }
@@ -203,8 +202,8 @@ fn innovations(offsets: &[f64], r: f64) -> Vec<f64> {
 fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
     let (mut square, mut free, mut determinants) = (0.0, 0.0, 0.0);
     for s in series {
-        let n = s.offsets.len() as f64;
-        square += innovations(&s.offsets, r).iter().map(|u| u * u).sum::<f64>();
+        let n = s.places.len() as f64;
+        square += innovations(&s.places, r).iter().map(|u| u * u).sum::<f64>();
         free += n - 1.0;
         // ln det R = (n - 1) ln(1 - r²) and 1'R⁻¹1 = (n - (n - 2) r)/(1 + r) of an AR(1) series.
         determinants += (n - 1.0) * (1.0 - r * r).ln() + ((n - (n - 2.0) * r) / (1.0 + r)).ln();
@@ -219,7 +218,7 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
 /// Correlation of the innovations of neighbouring stations, compared as vectors: directions across a rope are those in
 /// which it was seen best and worst, and their order and signs mean nothing.
 fn neighbours(series: &[Series], in_time: f64) -> f64 {
-    let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(&s.offsets, in_time)).collect();
+    let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(&s.places, in_time)).collect();
     let (mut product, mut norm) = (0.0, 0.0);
     for (i, a) in series.iter().enumerate() {
         // Series are in the order of their stations, at most three of each.
@@ -338,7 +337,7 @@ mod tests {
         for seed in 0..SETS {
             let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], seed);
             let rows = rows_of(&noise, 12);
-            let series = rest_series(&rows, 12, STATIONS);
+            let series = rest_series(&rows, (12, STATIONS), 1.0);
             let best = (0..=95)
                 .map(|k| k as f64 / 100.0)
                 .map(|r| (r, restricted_likelihood(&series, r)))
@@ -373,7 +372,7 @@ mod tests {
                 axes.map(|axis| row(&axis))
             })
             .collect();
-        let found = |rows: &[Row]| neighbours(&rest_series(rows, 12, STATIONS), 0.6);
+        let found = |rows: &[Row]| neighbours(&rest_series(rows, (12, STATIONS), 1.0), 0.6);
         let [plain, other] = [found(&straight), found(&turned)];
         assert!((plain - other).abs() < 0.02 && plain > 0.6, "{plain} {other}");
     }
@@ -388,7 +387,7 @@ mod tests {
                     .iter_mut()
                     .for_each(|offset| offset[0] += drift_m * frame as f64);
             }
-            Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS)).expect("frames at rest")
+            Noise::of_series(&rest_series(&rows_of(&noise, 12), (12, STATIONS), 1.0)).expect("frames at rest")
         };
         assert_eq!(found(1e-6, 0.0).scale, 0.1);
         let creep = found(0.0, 1e-9);
@@ -403,7 +402,7 @@ mod tests {
         const SETS: u64 = 200;
         let exceeds = |seed: &u64| {
             let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], *seed);
-            let found = Noise::of_series(&rest_series(&rows_of(&noise, 12), 12, STATIONS)).unwrap();
+            let found = Noise::of_series(&rest_series(&rows_of(&noise, 12), (12, STATIONS), 1.0)).unwrap();
             let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
             let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
             square > found.scale.powi(2) * (1.0 + found.doubt(offsets.len()))

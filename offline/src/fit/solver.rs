@@ -68,26 +68,31 @@ pub fn fit_starts(
         return Err(first.unwrap_or_else(|| FitError::NoStart("no start was given".into())));
     }
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    starts.truncate(options.followed.max(1));
-    let results: Vec<_> = starts
-        .into_par_iter()
-        .map(|(_, theta, here)| {
-            let start = Descent::of(here, structure, &theta)?;
-            Ok(start.run(options.max_evaluations).finish())
-        })
-        .collect();
     let mut best: Option<FitResult> = None;
     let mut ends = Vec::new();
     let mut failure = None;
-    for result in results {
-        match result {
-            Ok(r) => {
-                ends.push((r.best.theta[0], r.cost));
-                if best.as_ref().is_none_or(|b| r.cost < b.cost) {
-                    best = Some(r);
+    // Those with the least cost, and of the others as many again for as long as no slope could be found at any.
+    let mut starts = starts.into_iter();
+    while best.is_none() {
+        let followed: Vec<_> = starts.by_ref().take(options.followed.max(1)).collect();
+        if followed.is_empty() {
+            break;
+        }
+        let follow = |(_, theta, here): (f64, Vec<f64>, _)| {
+            let start = Descent::of(here, structure, &theta)?;
+            Ok(start.run(options.max_evaluations).finish())
+        };
+        let results: Vec<_> = followed.into_par_iter().map(follow).collect();
+        for result in results {
+            match result {
+                Ok(r) => {
+                    ends.push((r.best.theta[0], r.cost));
+                    if best.as_ref().is_none_or(|b| r.cost < b.cost) {
+                        best = Some(r);
+                    }
                 }
+                Err(error) => failure = Some(error),
             }
-            Err(error) => failure = Some(error),
         }
     }
     match (best, failure) {

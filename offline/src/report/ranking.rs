@@ -136,9 +136,9 @@ fn ranking(round: &Round) -> Markup {
         }
         p.quiet {
             "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "
-            "order. Threshold: what the best score reaches in 95 % of pseudo-data that hold noise and the error "
-            "of the grid (" (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect. Absorbed: share of "
-            "the effect’s trace that the model’s parameters and a shifted camera can imitate."
+            "order. Threshold: in 95 % of pseudo-data that hold noise and the error of the grid ("
+            (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect, no effect’s score exceeds its own. "
+            "Absorbed: share of the effect’s trace that the model’s parameters and a shifted camera can imitate."
         }
     }
 }
@@ -227,15 +227,19 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
     let accepted = refit(round, &round.accepted);
     let statistic = tidy(score.statistic);
     match (refit(round, from_ref(&score.id)), accepted) {
+        (Some(other), Some(_)) if other.passed && round.instead_of == other.ids => {
+            "it passes every gate and came first, but the loop then found nothing that explained the rest"
+                .into()
+        }
         (Some(other), Some(best)) if other.passed && other.held_out.rms_mm < best.held_out.rms_mm => format!(
-            "it passes every gate and leaves {:.2} mm where held out, {} {:.2}: not so much less as to \
+            "it passes the gates before the finer grid and leaves {:.2} mm where held out, {} {:.2}: not so much less as to \
              outweigh how far off the rig would have been set up",
             other.held_out.rms_mm,
             titles(&best.ids),
             best.held_out.rms_mm
         ),
         (Some(other), Some(best)) if other.passed => format!(
-            "it passes every gate, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
+            "it passes the gates before the finer grid, but leaves {:.2} mm where fitted and {:.2} where held out; {} leaves {:.2} and {:.2}",
             other.fit.rms_mm,
             other.held_out.rms_mm,
             titles(&best.ids),

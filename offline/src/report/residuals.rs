@@ -13,6 +13,7 @@ const CURVE_PX: (u32, u32) = (530, 260);
 
 pub(super) fn section(input: &ReportInput) -> Markup {
     let pairs: Vec<(&DemoView, &DemoView)> = input.before.iter().zip(input.after).collect();
+    let whole = !input.held_out.is_empty();
     let mapped = mapped(&pairs);
     let scale = Scale::over(mapped.iter().flat_map(|(before, after)| [*before, *after]));
     html! {
@@ -22,22 +23,30 @@ pub(super) fn section(input: &ReportInput) -> Markup {
             "the same colour scale, which ends at the 99th percentile; grey is where nothing was seen."
         }
         @for (before, after) in &mapped {
-            figure { figcaption { b { (after.name) } (role(after)) } (pair(before, after, scale)) }
+            figure { figcaption { b { (after.name) } (role(after, whole)) } (pair(before, after, scale)) }
         }
         h3 { "Error over time" }
         p {
             "Root mean square per direction over the rope." br;
             (key(BASE, "base model")) (key(FINAL, "final model")) (key(NOISE, "noise floor"))
         }
-        figure.grid.two { @for panel in curves(&pairs) { (figure_svg(&panel)) } }
+        figure.grid.two { @for panel in curves(&pairs, whole) { (figure_svg(&panel)) } }
         @if input.held_out.is_empty() {
-            p.quiet { "No demonstration was held out: the last part of each was." }
+            p.quiet {
+                "No demonstration was held out: of each the last part was, or every third pose at rest. The errors "
+                "here are of both parts."
+            }
         }
     }
 }
 
-fn role(view: &DemoView) -> &'static str {
-    if view.held_out { " (held out)" } else { " (fitted)" }
+/// What a demonstration was used for; a part of each judges where none was held out, and the others are fitted whole.
+fn role(view: &DemoView, whole: bool) -> &'static str {
+    match (view.held_out, whole) {
+        (true, _) => " (held out)",
+        (false, true) => " (fitted)",
+        (false, false) => " (a part fitted, a part held out)",
+    }
 }
 
 /// The first fitted demonstrations, and the held-out one that the final model predicts worst.
@@ -54,7 +63,7 @@ fn mapped<'a>(pairs: &[(&'a DemoView, &'a DemoView)]) -> Vec<(&'a DemoView, &'a 
     fitted.chain(held_out).copied().collect()
 }
 
-fn curves(pairs: &[(&DemoView, &DemoView)]) -> Vec<Panel> {
+fn curves(pairs: &[(&DemoView, &DemoView)], whole: bool) -> Vec<Panel> {
     let shown = pairs.iter().flat_map(|(before, after)| [before, after]);
     let highest = shown
         .flat_map(|view| view.rms_mm.iter().flatten())
@@ -62,7 +71,7 @@ fn curves(pairs: &[(&DemoView, &DemoView)]) -> Vec<Panel> {
     pairs
         .iter()
         .map(|(before, after)| Panel {
-            title: format!("{}{}", after.name, role(after)),
+            title: format!("{}{}", after.name, role(after, whole)),
             x_label: "time [s]".to_owned(),
             y_label: "error [mm]".to_owned(),
             x: after.times_s.first().copied().unwrap_or(0.0)

@@ -83,12 +83,13 @@ pub fn residual_force(
     if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }
-    let all = Problem::new(demos, options.resolution)?;
+    let mut all = Problem::new(demos, options.resolution)?;
+    all.noise_scale = outcome.noise_scale.unwrap_or(1.0);
     let noise = Noise::at_rest(&all, &outcome.base.best).unwrap_or(Noise::DECLARED);
     let theta = &outcome.fitted.best.theta;
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
-        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        problem.noise_scale = all.noise_scale;
         let problem = problem.settled(&outcome.structure, theta)?;
         estimate(&problem, &outcome.structure, theta, &noise)
     };

@@ -58,19 +58,6 @@ impl Look {
         }
     }
 
-    /// Where a model predicts each frame and station that was seen.
-    fn predicted(&self, rows: &[Row]) -> HashMap<(usize, usize), [f64; 3]> {
-        let mut places = HashMap::new();
-        for row in rows {
-            let point: &mut [f64; 3] = places.entry((row.frame, row.station)).or_insert(row.position_m);
-            // Rows of markers hold the measured place, those of surfaces the predicted one.
-            if !self.surface {
-                *point = std::array::from_fn(|k| point[k] - row.offset_m * row.direction[k]);
-            }
-        }
-        places
-    }
-
     /// Unit vectors along which a station is measured where the rope runs along `along`.
     fn directions(&self, along: [f64; 3]) -> Vec<[f64; 3]> {
         if self.surface {
@@ -105,9 +92,8 @@ impl Predicted {
         let evaluation = problem.evaluate(structure, theta)?;
         // Markers were put at every station, so there are three rows per frame and station in this order.
         let points = evaluation.rows[0].chunks_exact(3);
-        let predicted = |rows: &[Row]| std::array::from_fn(|k| rows[k].position_m[k] - rows[k].offset_m);
         Ok(Self {
-            points_m: points.map(predicted).collect(),
+            points_m: points.map(|rows| rows[0].position_m).collect(),
             slopes: evaluation.jacobian,
             stations: station_arcs_m(&candidate.demo).len(),
         })
@@ -191,6 +177,13 @@ impl Predicted {
     }
 }
 
+/// Where a model predicts each frame and station that was seen.
+fn predicted(rows: &[Row]) -> HashMap<(usize, usize), [f64; 3]> {
+    rows.iter()
+        .map(|row| ((row.frame, row.station), row.position_m))
+        .collect()
+}
+
 /// What the data so far say about a model's parameters.
 pub(super) struct Known {
     /// Information, priors included.
@@ -223,10 +216,10 @@ impl Known {
     }
 
     /// This model beside one that is true on the demonstrations that were made.
-    pub(super) fn miss(&self, truth: &Self, look: &Look) -> Miss {
+    pub(super) fn miss(&self, truth: &Self) -> Miss {
         let mut miss = Vec::with_capacity(self.evaluation.len());
         for (rows, others) in self.evaluation.rows.iter().zip(&truth.evaluation.rows) {
-            let (mine, theirs) = (look.predicted(rows), look.predicted(others));
+            let (mine, theirs) = (predicted(rows), predicted(others));
             miss.extend(rows.iter().map(|row| {
                 let place = (row.frame, row.station);
                 let apart: [f64; 3] = theirs.get(&place).map_or([0.0; 3], |there| {

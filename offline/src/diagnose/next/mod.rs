@@ -340,7 +340,7 @@ impl<'a> Desk<'a> {
         let mut least = (f64::INFINITY, f64::INFINITY);
         for (tested, one) in models.iter().enumerate() {
             for (truth, other) in models.iter().enumerate().filter(|(truth, _)| *truth != tested) {
-                let past = known[tested].miss(&known[truth], &self.look);
+                let past = known[tested].miss(&known[truth]);
                 let (slopes, mut misses) = one.seen(&self.look, None, &[other]);
                 let next = Miss {
                     miss: misses.remove(0),

@@ -329,7 +329,9 @@ impl<'a> Recording<'a> {
         let line = LineProfile::new([0.0; 3], end, &STROKE);
         let count = (line.duration_s() / self.clamp_s).ceil() as usize + 2;
         let end_s = start_s + line.duration_s() + RINGING_S;
-        for path in &mut clamps {
+        // What stood still in the recording is fixed to something.
+        let moves = |path: &Vec<ClampSample>| path.windows(2).any(|pair| differ(&pair[0], &pair[1]));
+        for path in clamps.iter_mut().filter(|path| moves(path)) {
             let Some(&still) = path.last() else { continue };
             let at = |t_s: f64| ClampSample {
                 t_s,
