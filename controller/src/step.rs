@@ -24,7 +24,7 @@ pub use crate::interface::{Inputs, Output, Setup};
 use crate::plan::{self, LEGS, Pace, Plan, Start};
 use crate::promise::Promise;
 use crate::survey::Survey;
-use shared::arm::{self, JOINTS, Joints, LEVEL_POSTURE_RAD};
+use shared::arm::{self, Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason,
     RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
@@ -199,8 +199,8 @@ impl Controller {
         }
     }
 
-    /// Keeps the newest sensible state of the arm. One that is malformed, not finite, from the future,
-    /// older than the silence allowed or older than the one before is as good as none.
+    /// Keeps the newest sensible state of the arm. One that is malformed, not finite, from the future, older than the silence
+    /// allowed or older than the one before is as good as none; the same measurement once more is no news.
     fn hear_robot(&mut self, robot: Option<&RobotState>, now_ns: u64) {
         self.silent_cycles = self.silent_cycles.saturating_add(1);
         let Some(robot) = robot else { return };
@@ -211,7 +211,6 @@ impl Controller {
             && robot.stamp_ns >= oldest_ns.max(self.robot.stamp_ns)
             && robot.stamp_ns <= now_ns.saturating_add(GOAL_AHEAD_MAX_NS);
         if sensible {
-            // The same measurement once more is no news: its driver may have lost the arm.
             if robot.stamp_ns > self.robot.stamp_ns {
                 self.silent_cycles = 0;
             }
@@ -275,10 +274,8 @@ impl Controller {
         let Some(guard) = &self.guard else {
             return f64::INFINITY;
         };
-        let last = guard.last_rad();
-        (0..JOINTS)
-            .map(|i| (self.robot.q_rad[i] - last[i]).abs())
-            .fold(0.0, f64::max)
+        let both = self.robot.q_rad.iter().zip(guard.last_rad());
+        both.map(|(now, last)| (now - last).abs()).fold(0.0, f64::max)
     }
 
     fn robot_at_rest(&self) -> bool {
@@ -298,8 +295,8 @@ impl Controller {
         let reason = match (CommandKind::from_code(command.kind), command.id) {
             (Some(CommandKind::EmergencyStop), _) => {
                 // Of a stop without a sensible stamp is only known that it is here now.
-                let sensible = now_ns - sent_ns <= GOAL_AGE_MAX_NS;
-                let sent_ns = if sensible { sent_ns } else { now_ns };
+                let known = now_ns - sent_ns <= GOAL_AGE_MAX_NS;
+                let sent_ns = if known { sent_ns } else { now_ns };
                 self.stop_sent_ns = self.stop_sent_ns.max(sent_ns);
                 self.drop_sent_ns = self.drop_sent_ns.max(sent_ns);
                 self.stop(After::Latch(Reason::EmergencyStop));
@@ -395,11 +392,8 @@ impl Controller {
         if self.cycles_to_target != 1 || !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
             return;
         }
-        if let Some(reported) = Gripper::from_code(self.robot.gripper) {
-            // A program before this one may have left it closed on the rope, and while no targets were sent a person may have
-            // opened it: nobody asked for another state.
-            self.gripper = reported;
-        }
+        // Whoever moved it while no targets were sent, nobody asked for another state.
+        self.gripper = Gripper::from_code(self.robot.gripper).unwrap_or(self.gripper);
         self.guard = Some(Guard::at_rest(self.robot.q_rad, self.period_s));
         self.stream_begun = false;
         self.sent_before_stream = self.targets_sent;
@@ -552,11 +546,10 @@ impl Controller {
         let after = *after;
         if let Some(next) = self.guard.as_ref().and_then(|guard| guard.next_of(brake)) {
             let target = self.send(&next, now_ns);
-            if target.is_some() {
-                return target;
+            if target.is_none() {
+                self.latch_guard();
             }
-            self.latch_guard();
-            return None;
+            return target;
         }
         self.mode = match after {
             After::Latch(_) => Mode::Fault,

@@ -271,7 +271,8 @@ fn a_diagnosis_outlives_a_command_of_other_recordings_or_settings() {
     let fitted = offline(&["fit", "--demo", FIT, "--out", out]).output();
     assert!(fitted.unwrap().status.success());
     let diagnosis = folder.path().join("diagnosis.json");
-    std::fs::write(&diagnosis, "hours").unwrap();
+    let hours = br#"{"verdict": "of hours"}"#;
+    std::fs::write(&diagnosis, hours).unwrap();
     let judge = "offline/demos/sample-rope/held-out-1";
     let commands: [(&[&str], &str); 3] = [
         (&["diagnose", "--demo", judge], "fitted: fit; held out: none"),
@@ -282,6 +283,6 @@ fn a_diagnosis_outlives_a_command_of_other_recordings_or_settings() {
         let (code, said) = refusal(&[command, &["--out", out]].concat());
         assert_eq!(code, Some(1), "{command:?}: {said}");
         assert!(said.contains(words) && said.contains("--out"), "{said}");
-        assert_eq!(std::fs::read(&diagnosis).unwrap(), b"hours");
+        assert_eq!(std::fs::read(&diagnosis).unwrap(), hours);
     }
 }

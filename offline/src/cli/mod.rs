@@ -51,19 +51,29 @@ enum Command {
     #[command(after_help = "Example: offline fit --demo my-rope/lift-1 --out runs/my-rope")]
     Fit(RunArguments),
     /// Fit the rope and find what its model lacks; like `run`, but stops after the diagnosis.
-    #[command(after_help = "Example: offline diagnose --demo my-rope/lift-1 --out runs/my-rope")]
+    #[command(
+        after_help = "Example: offline diagnose --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
     Diagnose(RunArguments),
     /// Like `run`, but stops once the random rollouts are collected.
-    #[command(after_help = "Example: offline collect --demo my-rope/lift-1 --out runs/my-rope")]
+    #[command(
+        after_help = "Example: offline collect --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
     Collect(RunArguments),
     /// Like `run`, but stops once rollouts are collected and the policy is trained and evaluated.
-    #[command(after_help = "Example: offline train --demo my-rope/lift-1 --out runs/my-rope")]
+    #[command(
+        after_help = "Example: offline train --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
     Train(RunArguments),
     /// Like `run`, but stops once the policy is evaluated.
-    #[command(after_help = "Example: offline evaluate --out runs/my-rope --demo my-rope/lift-1")]
+    #[command(
+        after_help = "Example: offline evaluate --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
     Evaluate(RunArguments),
     /// Like `run`, but stops once the blob is written and read back.
-    #[command(after_help = "Example: offline freeze --demo my-rope/lift-1 --out runs/my-rope")]
+    #[command(
+        after_help = "Example: offline freeze --demo my-rope/lift-1 --held-out my-rope/lift-2 --out runs/my-rope"
+    )]
     Freeze(RunArguments),
     /// Move a simulated rope as a measured one was moved, or let it swing, and say what it does.
     #[command(
@@ -120,7 +130,7 @@ enum DemoCommand {
         out: Option<PathBuf>,
     },
     /// Take a part of a recording in time.
-    #[command(after_help = "Example: offline demo cut my-rope/long --from 2.5 --to 6 --out my-rope/part")]
+    #[command(after_help = "Example: offline demo cut my-rope/long --to 6 --out my-rope/part")]
     Cut(demos::CutArguments),
     /// Turn recordings of other formats into demonstration folders.
     #[command(

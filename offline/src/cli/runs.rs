@@ -13,7 +13,7 @@ use offline::model::{Estimate, Structure};
 use offline::model_file::ModelFile;
 use offline::pipeline::{
     Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, fit, freeze_policy,
-    identify, learn, profile, refuse_unnameable, refuse_unswingable, rollouts,
+    holds_diagnosis, identify, learn, profile, refuse_unnameable, refuse_unswingable, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -54,7 +54,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .unwrap_or_else(|| Path::new("runs").join(&name));
     let run = RunFolder::open(&out)?;
     let _held = run.hold()?;
-    if arguments.demo.is_empty() || run.diagnosis().exists() {
+    if arguments.demo.is_empty() || holds_diagnosis(&run) {
         refuse_anothers(&run, &inputs)?;
     }
     let job = Job {

@@ -104,7 +104,7 @@ pub fn fit(
     let key = inputs.key(settings);
     let diagnosed = super::identify::earlier(run, key).is_some();
     anyhow::ensure!(
-        diagnosed || !run.diagnosis().exists(),
+        diagnosed || !super::identify::holds_diagnosis(run),
         "{} is of another seed or preset, or by another version of this program, and a fit alone would replace it: give the \
          fit another folder with --out, or make the diagnosis anew with `offline diagnose`",
         run.diagnosis().display()

@@ -159,6 +159,11 @@ fn force_left(
     })
 }
 
+/// Whether a folder holds a diagnosis of any version: hours of work. What cannot be read is none.
+pub fn holds_diagnosis(run: &RunFolder) -> bool {
+    kept::<serde_json::Value>(&run.diagnosis()).is_some_and(|file| file.get("verdict").is_some())
+}
+
 /// What an earlier run found for the same data and settings.
 pub(super) fn earlier(run: &RunFolder, key: u64) -> Option<(FitFile, DiagnosisFile)> {
     let fit: FitFile = kept(&run.fit())?;

@@ -11,7 +11,7 @@ mod profile;
 mod settings;
 
 pub use fit::{NOT_DIAGNOSED, fit};
-pub use identify::{Identified, identify};
+pub use identify::{Identified, holds_diagnosis, identify};
 #[cfg(feature = "train")]
 pub use learn::{Learned, freeze_policy, learn, refuse_unswingable, rollouts};
 pub use profile::{Profiled, profile};
