@@ -15,6 +15,12 @@ fn refusal(arguments: &[&str]) -> (Option<i32>, String) {
     (status.code(), String::from_utf8(stderr).unwrap())
 }
 
+/// Writes the first second of the sample rope's recording as a demonstration.
+fn write_first_second(out: &str) {
+    let (code, said) = refusal(&["demo", "cut", FIT, "--to", "1", "--out", out]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
 /// A pipe that nobody reads.
 fn unread() -> Stdio {
     let (reader, writer) = std::io::pipe().unwrap();
@@ -110,8 +116,7 @@ fn a_rope_that_hangs_on_the_table_gets_no_policy() {
     let folder = tempfile::tempdir().unwrap();
     let long = folder.path().join("long");
     let long = long.to_str().unwrap();
-    let (code, said) = refusal(&["demo", "cut", FIT, "--to", "1", "--out", long]);
-    assert_eq!(code, Some(0), "{said}");
+    write_first_second(long);
     let spec = std::path::Path::new(long).join("demo.toml");
     let text = std::fs::read_to_string(&spec).unwrap();
     let text = text.replace("length_m = 0.25", "length_m = 0.29");
@@ -150,16 +155,7 @@ fn a_file_in_the_place_of_a_demonstration_is_kept() {
 fn the_demonstration_that_is_read_is_never_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let measured = folder.path().join("measured");
-    let (code, said) = refusal(&[
-        "demo",
-        "cut",
-        FIT,
-        "--to",
-        "1",
-        "--out",
-        measured.to_str().unwrap(),
-    ]);
-    assert_eq!(code, Some(0), "{said}");
+    write_first_second(measured.to_str().unwrap());
     let clouds = || std::fs::read_dir(measured.join("clouds")).unwrap().count();
     let before = clouds();
     let (read, out) = (

@@ -275,9 +275,9 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
 fn other_lines(whole: &[&Answer]) -> Vec<Line> {
     let foreign = of_kind(whole, Kind::Foreign);
     let clear = |a: &&&Answer| a.cell.floors >= CLEAR_FLOORS;
-    let (hidden, outside): (Vec<&Answer>, Vec<&Answer>) =
+    let (mut hidden, outside): (Vec<&Answer>, Vec<&Answer>) =
         foreign.iter().filter(clear).copied().partition(|a| a.cell.hidden);
-    let hidden: Vec<&Answer> = hidden.into_iter().filter(|a| !twin_is_left(a)).collect();
+    hidden.retain(|a| !twin_is_left(a));
     let honest = |list: &[&Answer]| Rate::of(list.iter().map(|a| honest(a)));
     let pairs = of_kind(whole, Kind::Pair);
     vec![

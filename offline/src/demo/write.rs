@@ -68,10 +68,8 @@ impl Demo {
 /// # Errors
 /// Something else is there, or the demonstration of the folder `read`.
 pub fn refuse_to_replace(dir: &Path, read: Option<&Path>) -> Result<(), DemoError> {
-    if read.is_some_and(|read| {
-        dir.canonicalize()
-            .is_ok_and(|dir| read.canonicalize().is_ok_and(|read| dir == read))
-    }) {
+    let there = dir.canonicalize().ok();
+    if there.is_some() && there == read.and_then(|read| read.canonicalize().ok()) {
         return Err(DemoError::new(
             dir,
             "this is the demonstration that is read, and it would be replaced",

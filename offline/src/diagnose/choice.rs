@@ -2,7 +2,7 @@
 
 use super::gates::{Gate, not_refined, refinement_gate, superfluous, taken_away_mm};
 use super::memory::KeptModel;
-use super::noise::independent;
+use super::noise::independent_squares;
 use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{Bench, LoopOptions, Part};
@@ -218,7 +218,7 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
     let ResidualSummary {
         rows, correlation, ..
     } = ResidualSummary::of(best);
-    let squares = rows as f64 * independent(correlation.in_time) * independent(correlation.along_rope);
+    let squares = independent_squares(rows as f64, correlation.in_time, correlation.along_rope);
     2.0 * (2.0 / squares.max(1.0)).sqrt() * correlation.reduced_chi_square
 }
 

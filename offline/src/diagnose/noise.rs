@@ -90,7 +90,7 @@ impl Noise {
             along_rope,
             // The correlation in time is found from the same values, which makes the size as uncertain as if they were
             // not told apart.
-            values: free * independent(in_time) * independent(along_rope),
+            values: independent_squares(free, in_time, along_rope),
         })
     }
 
@@ -99,7 +99,7 @@ impl Noise {
         Self {
             in_time: 0.0,
             along_rope: 0.0,
-            values: self.values / (independent(self.in_time) * independent(self.along_rope)),
+            values: self.values / independent_squares(1.0, self.in_time, self.along_rope),
             ..self
         }
     }
@@ -108,7 +108,7 @@ impl Noise {
     /// independent values. The upper end of a one-sided 95 % interval of their difference.
     pub fn doubt(&self, rows: usize) -> f64 {
         const DEVIATIONS: f64 = 1.645;
-        let seen = rows as f64 * independent(self.in_time) * independent(self.along_rope);
+        let seen = independent_squares(rows as f64, self.in_time, self.along_rope);
         DEVIATIONS * (2.0 / self.values + 2.0 / seen).sqrt()
     }
 
@@ -131,10 +131,13 @@ impl Noise {
     }
 }
 
-/// Share of the values of an autoregressive series that count as independent in their mean square.
-pub(super) fn independent(correlation: f64) -> f64 {
-    let square = correlation * correlation;
-    (1.0 - square) / (1.0 + square)
+/// How many of so many values, autoregressive in time and along the rope, count as independent in their mean square.
+pub(super) fn independent_squares(values: f64, in_time: f64, along_rope: f64) -> f64 {
+    let share = |correlation: f64| {
+        let square = correlation * correlation;
+        (1.0 - square) / (1.0 + square)
+    };
+    values * share(in_time) * share(along_rope)
 }
 
 /// Measured places of one station along one direction over the frames at rest, in declared standard errors.
