@@ -1,10 +1,10 @@
 //! What an answer costs: the policy's forward pass, inverse kinematics, and the whole plan of a goal.
 
 use controller::plan::{self, Pace, Start};
+use controller::sample;
 use controller::survey::Survey;
-use controller::{motion, sample};
 use criterion::{Criterion, criterion_group, criterion_main};
-use shared::arm::LEVEL_POSTURE_RAD;
+use shared::arm::{self, LEVEL_POSTURE_RAD};
 use shared::ik;
 use shared::messages::{GOAL_MAGIC, Goal, Gripper};
 use std::hint::black_box;
@@ -17,9 +17,7 @@ fn points() -> impl Iterator<Item = [f64; 2]> {
 fn answer(criterion: &mut Criterion) {
     let blob = sample::blob();
     let rope = &blob.ropes[0];
-    let poses: Vec<_> = points()
-        .map(|point| motion::task_pose(&blob.frame, point))
-        .collect();
+    let poses: Vec<_> = points().map(|point| arm::task_pose(&blob.frame, point)).collect();
 
     let mut share = (0..100).map(|k| f64::from(k) * 0.01).cycle();
     criterion.bench_function("policy", |bencher| {

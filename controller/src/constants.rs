@@ -47,9 +47,6 @@ pub const LINE_SAMPLES: usize = 17;
 /// Share of the jerk and acceleration limits that a stop uses; the rest absorbs the discrete steps.
 pub const BRAKE_SHARE: f64 = 0.7;
 
-/// How far before the tip, along the task's x, the gripper starts its approach and ends its retreat, m.
-pub const STANDOFF_M: f64 = 0.06;
-
 /// Time for the gripper to open or close, s: full stroke 0.4 s (UFACTORY G2) and the tool bus.
 pub const GRIPPER_S: f64 = 0.8;
 

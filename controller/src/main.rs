@@ -12,7 +12,7 @@ use controller::serve::{self, Options, Rate};
 use controller::session::DEFAULT_INSTANCE;
 use controller::step::{Controller, Setup};
 use controller::timing::Percentiles;
-use controller::{allocations, bench, motion, rt, sample};
+use controller::{allocations, bench, rt, sample};
 use serde_json::json;
 use shared::arm::{self, DEFAULT_TASK_FRAME, Joints};
 use shared::ik;
@@ -221,7 +221,7 @@ fn inverse(point_m: [f64; 2], policy: Option<&Path>, as_json: bool) -> Result<()
         Some(path) => policy_file::read(path)?.blob.frame,
         None => DEFAULT_TASK_FRAME,
     };
-    let pose = motion::task_pose(&frame, point_m);
+    let pose = arm::task_pose(&frame, point_m);
     let position: [f64; 3] = pose.position_m.into();
     let q = ik::solve(&pose).map_err(|error| {
         let [x, z] = point_m;
@@ -257,6 +257,7 @@ fn run_bench(
         rate,
         duration,
         histograms,
+        progress: &program::tell,
     })?;
     program::answer(as_json, &report, |out| print_report(out, &report))?;
     Ok(())

@@ -87,11 +87,6 @@ pub enum LineError {
     TooFast,
 }
 
-/// The flange at a point (x, z) of the task plane, tool level and along the task's +x.
-pub fn task_pose(frame: &TaskFrame, point_m: [f64; 2]) -> FlangePose {
-    FlangePose::level(frame.flange_m(point_m), frame.yaw_rad)
-}
-
 /// A profile between two points (x, z) of the task plane; its y is zero throughout.
 pub fn profile_in_plane(from_m: [f64; 2], to_m: [f64; 2], limits: &MotionLimits) -> LineProfile {
     LineProfile::new([from_m[0], 0.0, from_m[1]], [to_m[0], 0.0, to_m[1]], limits)
@@ -100,7 +95,7 @@ pub fn profile_in_plane(from_m: [f64; 2], to_m: [f64; 2], limits: &MotionLimits)
 /// The flange on a line of the task plane at time `t_s` after its start.
 pub fn pose_on_line(frame: &TaskFrame, profile: &LineProfile, t_s: f64) -> FlangePose {
     let [x, _, z] = profile.position_m(t_s);
-    task_pose(frame, [x, z])
+    arm::task_pose(frame, [x, z])
 }
 
 /// Plans the straight line between two points of the task plane and checks it: every sampled pose has
@@ -117,7 +112,7 @@ pub fn plan_line(
     for (k, pose) in poses.iter_mut().enumerate() {
         let share = k as f64 / (LINE_SAMPLES - 1) as f64;
         let point = [0, 1].map(|axis| from_m[axis] + share * (to_m[axis] - from_m[axis]));
-        let target = task_pose(frame, point);
+        let target = arm::task_pose(frame, point);
         *pose = match seed {
             None => ik::solve(&target),
             Some(near) => ik::solve_near(&target, &near),

@@ -1,14 +1,15 @@
 //! From a goal to the whole motion: policy, release point, inverse kinematics and the sequence of legs.
 //! Everything that can be refused is refused here, before the arm moves.
 
-use crate::constants::{GRIPPER_S, STANDOFF_M};
+use crate::constants::GRIPPER_S;
 use crate::motion::{self, JointMove, LineError};
 use crate::survey::Survey;
-use shared::arm::Joints;
+use shared::arm::{self, Joints};
 use shared::blob::{Blob, TaskFrame};
 use shared::ik;
 use shared::messages::{GOAL_MAGIC, Goal, Gripper, Phase, Reason};
 use shared::profile::LineProfile;
+use shared::task::STANDOFF_M;
 
 /// Number of legs of every motion.
 pub const LEGS: usize = 9;
@@ -147,7 +148,7 @@ pub fn plan(
     let approach = line(before_tip_m, tip_m)?;
     let drag = line(tip_m, release_m)?;
     let retreat = line(release_m, after_m)?;
-    let start = motion::task_pose(&blob.frame, before_tip_m);
+    let start = arm::task_pose(&blob.frame, before_tip_m);
     let start_rad = ik::solve(&start).map_err(|error| refusal(LineError::Pose(error)))?;
     let homing = JointMove::new(from.q_rad, start_rad);
 

@@ -2,13 +2,12 @@
 //! derivatives over the whole region. A straight line inside it is then known to be reachable and
 //! within the limits from its length and duration alone, without inverse kinematics while the arm waits.
 
-use crate::constants::STANDOFF_M;
 use crate::motion::{self, Variation};
-use shared::arm::{JOINTS, Joints};
+use shared::arm::{self, JOINTS, Joints};
 use shared::blob::Blob;
 use shared::ik;
 use shared::profile::LineProfile;
-use shared::task::Interval;
+use shared::task::{Interval, STANDOFF_M};
 
 /// Distance of the surveyed poses, m.
 const PITCH_M: f64 = 0.01;
@@ -45,7 +44,7 @@ impl Grid {
         for row in 0..rows {
             for column in 0..columns {
                 let at = |low: f64, k: usize| low + (k as f64 - EDGE as f64) * PITCH_M;
-                let pose = motion::task_pose(&blob.frame, [at(x_m.low, column), at(z_m.low, row)]);
+                let pose = arm::task_pose(&blob.frame, [at(x_m.low, column), at(z_m.low, row)]);
                 let seed = if column > 0 { q_rad.last() } else { None };
                 let q = match seed {
                     Some(near) => ik::solve_near(&pose, near),

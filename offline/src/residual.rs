@@ -122,6 +122,7 @@ mod tests {
                 sigma_m: 0.001,
             }]],
             most_rows: 1,
+            huber: f64::INFINITY,
             jacobian: DMatrix::zeros(0, 0),
         };
         assert!(misfits(&[&demo], &evaluation(0.02)).is_empty());

@@ -55,6 +55,10 @@ fn wrong_use_has_exit_code_2_and_says_what_is_right() {
         ),
         (&[&cut[..], &["--from", "nan"]].concat(), "give a finite number"),
         (&["run", "--name", "a/b"], "give it another with --name"),
+        (
+            &["freeze", "--task-origin-m", "0.9", "0", "0.12"],
+            "the gripper cannot take the rope where its end hangs",
+        ),
         (&["fit", "--name", ""], "give it one with --name"),
         (
             &["bench-diagnosis", "--only", "zzz"],

@@ -95,6 +95,11 @@ impl FlangePose {
     }
 }
 
+/// The flange at a point (x, z) of the task plane, tool level and along the task's +x.
+pub fn task_pose(frame: &TaskFrame, point_m: [f64; 2]) -> FlangePose {
+    FlangePose::level(frame.flange_m(point_m), frame.yaw_rad)
+}
+
 /// What one pass along the chain yields: the flange and, per joint, its axis and a point on it.
 struct Chain {
     flange: FlangePose,

@@ -11,5 +11,6 @@ pub mod ik;
 pub mod messages;
 pub mod policy;
 pub mod profile;
+pub mod reach;
 pub mod recording;
 pub mod task;

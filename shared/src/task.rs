@@ -3,6 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// How far before a point of the task, along its x, the gripper starts its approach and ends its retreat, m.
+pub const STANDOFF_M: f64 = 0.06;
+
 /// An interval, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {

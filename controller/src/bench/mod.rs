@@ -15,7 +15,7 @@ use hdrhistogram::Histogram;
 use shared::blob::Blob;
 use std::fs::File;
 use std::hint::black_box;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -23,6 +23,9 @@ use std::time::Duration;
 /// Longest stretch of one measurement before the other gets its turn: what else the machine does then
 /// meets both alike.
 const SLICE: Duration = Duration::from_secs(2);
+
+/// So many slices of loop and cyclictest go by before whoever waits hears again.
+const TOLD_EVERY: u32 = 5;
 
 /// What to measure.
 pub struct Settings<'a> {
@@ -34,6 +37,8 @@ pub struct Settings<'a> {
     pub duration: Duration,
     /// Folder for the histograms.
     pub histograms: Option<&'a Path>,
+    /// Hears what is measured and how long it will take.
+    pub progress: &'a (dyn Fn(&str) + Sync),
 }
 
 /// What was measured.
@@ -96,19 +101,21 @@ struct Noted {
 pub fn run(settings: &Settings) -> Result<Report> {
     // Before the measurement, which takes its time, and not after it.
     if let Some(folder) = settings.histograms {
-        std::fs::create_dir_all(folder).map_err(|error| {
+        writable(folder).map_err(|error| {
             let name = folder.display();
-            anyhow!("cannot create {name}: {error}; give --histograms a folder that you may write to")
+            anyhow!("cannot write into {name}: {error}; give --histograms a folder that you may write to")
         })?;
     }
     let _awake = rt::keep_processors_awake();
     let processors = rt::processors();
     let mut missing = None;
-    let idle = measure(settings, &mut missing)?;
+    let idle = measure("idle", settings, &mut missing)?;
     let (_, others) = processors.split_last().unwrap_or((&0, &[]));
     let saturated = match others {
         [] => None,
-        others => Some(saturated(others, || measure(settings, &mut missing))?),
+        others => Some(saturated(others, || {
+            measure("saturated", settings, &mut missing)
+        })?),
     };
     if let Some(folder) = settings.histograms {
         write_histograms(folder, "idle", &idle)?;
@@ -116,6 +123,7 @@ pub fn run(settings: &Settings) -> Result<Report> {
             write_histograms(folder, "saturated", saturated)?;
         }
     }
+    (settings.progress)("timing the parts");
     Ok(Report {
         degraded: rt::describe(live::refused()),
         period_ns: settings.rate.cycle_ns(),
@@ -149,12 +157,26 @@ fn saturated<T>(others: &[usize], part: impl FnOnce() -> T) -> T {
     })
 }
 
-/// Loop and cyclictest in turns; `missing` becomes the reason why there was no cyclictest.
-fn measure(settings: &Settings, missing: &mut Option<String>) -> Result<Noted> {
+/// Makes sure that files can be written into a folder.
+fn writable(folder: &Path) -> io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let probe = folder.join(".writable");
+    File::create(&probe)?;
+    std::fs::remove_file(probe)
+}
+
+/// Loop and cyclictest in turns under a load; `missing` becomes the reason why there was no cyclictest.
+fn measure(load: &str, settings: &Settings, missing: &mut Option<String>) -> Result<Noted> {
     let slices = settings.duration.as_nanos().div_ceil(SLICE.as_nanos()).max(1) as u32;
     let slice = settings.duration / slices;
     let mut noted: Option<Noted> = None;
-    for _ in 0..slices {
+    for begun in 0..slices {
+        if begun % TOLD_EVERY == 0 {
+            let left_s = (2 * (slices - begun) * slice).as_secs_f64();
+            (settings.progress)(&format!(
+                "{load}: loop and cyclictest in turns, {left_s:.0} s left"
+            ));
+        }
         // In a thread of its own: the bridge keeps the priority and the processors that it asks for.
         let live = || live::run(settings.blob, settings.rate, slice);
         let live = std::thread::scope(|scope| scope.spawn(live).join());

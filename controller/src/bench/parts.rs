@@ -1,11 +1,10 @@
 //! What the parts of an answer cost, in ns.
 
 use crate::clock;
-use crate::motion;
 use crate::plan::{self, Pace, Start};
 use crate::survey::Survey;
 use crate::timing::{Percentiles, histogram};
-use shared::arm::LEVEL_POSTURE_RAD;
+use shared::arm::{self, LEVEL_POSTURE_RAD};
 use shared::blob::Blob;
 use shared::ik;
 use shared::messages::{GOAL_MAGIC, Goal, Gripper};
@@ -37,7 +36,7 @@ pub fn time_all(blob: &Blob) -> Parts {
         );
     });
     let poses: Vec<_> = (0..100)
-        .map(|k| motion::task_pose(&blob.frame, [0.05 + 0.001 * f64::from(k), 0.15]))
+        .map(|k| arm::task_pose(&blob.frame, [0.05 + 0.001 * f64::from(k), 0.15]))
         .collect();
     let ik_from_middle = time(20_000, |k| {
         let _ = black_box(ik::solve(&poses[k as usize % 100]));

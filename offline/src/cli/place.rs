@@ -1,9 +1,12 @@
 //! Where the task stands in the arm's base frame: arguments that several commands take.
 
+use super::WrongUse;
 use super::numbers::within;
 use clap::Args;
 use shared::arm::DEFAULT_TASK_FRAME;
 use shared::blob::{ORIGIN_MAX_M, TaskFrame, YAW_MAX_RAD};
+use shared::reach::{share_of_releases, takes_tip};
+use shared::task::SwingTask;
 
 /// Where the arm stands beside the task.
 #[derive(Args)]
@@ -27,5 +30,29 @@ impl Place {
             origin_m: origin_m.expect("clap counts three values"),
             yaw_rad: self.task_yaw_rad,
         }
+    }
+
+    /// A warning where the arm does not come to all of a task's release points.
+    ///
+    /// # Errors
+    /// It cannot take the tip of a rope that hangs `length_m` long: every goal would be refused.
+    pub fn reach(&self, task: &SwingTask, length_m: f64) -> Result<Option<String>, WrongUse> {
+        let frame = self.frame();
+        let ([x, y, z], yaw_rad) = (frame.origin_m, frame.yaw_rad);
+        let place = format!("--task-origin-m {x} {y} {z} --task-yaw-rad {yaw_rad}");
+        takes_tip(&frame, task, length_m).map_err(|error| {
+            WrongUse(format!(
+                "{place}: the gripper cannot take the rope where its end hangs: {error}; the arm's reach is \
+                 about 0.7 m: measure the origin again, or move the task"
+            ))
+        })?;
+        let share = share_of_releases(&frame, task);
+        Ok((share < 1.0).then(|| {
+            format!(
+                "{place}: the arm comes to {:.0} % of the release points; goals whose release it does not reach will be \
+                 refused",
+                100.0 * share
+            )
+        }))
     }
 }

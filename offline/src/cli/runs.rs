@@ -19,6 +19,7 @@ use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
 use offline::run_files::{Fnv64, RunFolder, hex, write_whole};
 use offline::words::{with_error, with_unit};
+use shared::task::SwingTask;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,6 +39,13 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let inputs = Inputs::load(&name, &demos, &held_out)?;
     if last > Stage::Diagnose {
         refuse_unswingable(&inputs)?;
+    }
+    if last >= Stage::Freeze {
+        let length_m = inputs.demos[0].spec.rope.length_m;
+        let warning = arguments.place.reach(&SwingTask::PAPER, length_m)?;
+        warning
+            .iter()
+            .for_each(|warning| reporter.say(&format!("warning: {warning}")));
     }
     for warning in inputs.differences() {
         reporter.say(&format!("warning: {warning}"));

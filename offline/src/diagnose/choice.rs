@@ -85,7 +85,8 @@ pub(super) struct Choice {
 
 impl Choice {
     /// Chooses among further refits of the model `now` where none was accepted before; those that passed are tried on the
-    /// finer grid, and without each of several effects, likeliest first.
+    /// finer grid, and without each of several effects, likeliest first, until one is accepted, and then those that tie
+    /// with it.
     pub(super) fn among(
         &mut self,
         bench: &Bench,
@@ -105,7 +106,7 @@ impl Choice {
         for one in tried {
             let mut refit = one.refit;
             let model = Standing::judged(one.structure, one.fitted, refit.held_out.clone());
-            if self.accepted.is_none() && refit.passed {
+            if refit.passed && self.would_take(&model) {
                 refit.ask(last_gates(
                     bench, &model, &refit.ids, &now.left, options, progress,
                 ));
@@ -115,6 +116,12 @@ impl Choice {
             self.refits.retain(|had| had.ids != refit.ids);
             self.refits.push(refit);
         }
+    }
+
+    /// Whether a model that passes would be the winner or one that ties with it.
+    fn would_take(&self, model: &Standing) -> bool {
+        let best = self.accepted.as_ref().map(|(_, best)| best);
+        best.is_none_or(|best| ties(&best.fitted, &model.fitted))
     }
 
     /// Takes a model for the winner or for one that ties with it, if it is.
@@ -260,7 +267,7 @@ fn refine(
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::conclude::tests::fitted;
-    use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
+    use super::super::revise::tests::{YOUNG_PA, base, options, passed, recorded, with};
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::fit::Correlation;
@@ -325,6 +332,33 @@ pub(super) mod tests {
         assert!(unheld.next_step()[2] > 0.2 * held_s, "asked without it");
         let gates = refine(&bench, &model, &["internal_damping".to_owned()], &before.left).unwrap();
         assert!(gates.iter().all(|gate| gate.passed), "{gates:?}");
+    }
+
+    /// What ties is named beside the cause as what may be it: the finer grid has to bear it out as well.
+    #[test]
+    fn what_the_finer_grid_refuses_is_no_rival() {
+        let demos = recorded(&[part("gripper_lag", 0.5)]);
+        let options = options();
+        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+        let now = base(&bench);
+        let rivals = |share_of_it: f64| {
+            let mut offset = with(&bench, &["clock_offset"]);
+            offset.fitted.best.theta[2] *= share_of_it;
+            let tried = Tried {
+                refit: passed(&offset),
+                structure: offset.structure,
+                cost: offset.fitted.cost,
+                fitted: offset.fitted,
+            };
+            let lag = with(&bench, &["gripper_lag"]);
+            let mut choice = Choice {
+                accepted: Some((lag.structure.ids(), lag)),
+                ..Choice::default()
+            };
+            choice.among(&bench, &now, vec![tried], &options, &|_| ());
+            choice.accepted.unwrap().1.rivals.len()
+        };
+        assert_eq!((rivals(0.3), rivals(1.0)), (0, 1));
     }
 
     /// Seen on a cable that is bent where it rests: a table that leans by 14 degrees left 4.03 mm, the curl 4.06.

@@ -236,6 +236,7 @@ pub(super) mod tests {
             jacobian: DMatrix::from_element(rows.len(), theta.len(), 1e-3),
             theta,
             most_rows: rows.len(),
+            huber: f64::INFINITY,
             rows: vec![rows],
         };
         FitResult::at(evaluation, structure)

@@ -45,18 +45,21 @@ impl Noise {
         values: f64::INFINITY,
     };
 
-    /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few.
+    /// From the frames at rest of evaluations of what is fitted and of what is held out: noise is the cameras', and no
+    /// model is judged by it. None where the demonstrations show too few.
     ///
     /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
     /// not matter. Correlation and size maximise the restricted likelihood (Patterson
     /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
-    pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
+    pub fn at_rest(seen: [(&Problem, &Evaluation); 2]) -> Option<Self> {
         let mut series = Vec::new();
-        for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
-            let frames = demo.rest_frames(&scene.frame_times_s);
-            if frames >= MIN_REST_FRAMES {
-                let stations = station_arcs_m(demo).len();
-                series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
+        for (problem, evaluation) in seen {
+            for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
+                let frames = demo.rest_frames(&scene.frame_times_s);
+                if frames >= MIN_REST_FRAMES {
+                    let stations = station_arcs_m(demo).len();
+                    series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
+                }
             }
         }
         Self::of_series(&series)
@@ -105,9 +108,10 @@ impl Noise {
     }
 
     /// By how much of its square the noise floor may lie too low under so many offsets: both mean squares are of few
-    /// independent values. The upper end of a one-sided 95 % interval of their difference.
+    /// independent values. The upper end of a one-sided 99 % interval of their difference: a right model is asked more than
+    /// once, where fitted and where held out, and one in twenty would be a stand-in by chance.
     pub fn doubt(&self, rows: usize) -> f64 {
-        const DEVIATIONS: f64 = 1.645;
+        const DEVIATIONS: f64 = 2.326;
         let seen = independent_squares(rows as f64, self.in_time, self.along_rope);
         DEVIATIONS * (2.0 / self.values + 2.0 / seen).sqrt()
     }
@@ -431,6 +435,7 @@ mod tests {
                     .collect(),
             ],
             most_rows: FRAMES * STATIONS,
+            huber: f64::INFINITY,
             jacobian: DMatrix::zeros(0, 0),
         };
         let model = Noise {

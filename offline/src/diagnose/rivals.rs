@@ -93,43 +93,26 @@ fn is_physical(tried: &Tried) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::refits::REFIT_EVALUATIONS;
-    use super::super::revise::tests::{YOUNG_PA, options, recorded, standing};
+    use super::super::revise::tests::{options, passed, recorded, standing, with};
     use super::super::score::Score;
     use super::*;
     use crate::bench_diagnosis::reality::part;
-    use crate::fit::Descent;
 
     /// Effects of the rivals that are left once a tilt of so many units, with which a wind tied, is joined by a lag.
     fn left(tilt: f64) -> Vec<Vec<String>> {
         let demos = recorded(&[part("tilted_gravity", tilt), part("gripper_lag", 7.0)]);
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
-        let fitted = |ids: &[&str]| {
-            let ids: Vec<String> = ids.iter().map(ToString::to_string).collect();
-            let structure = Structure::of_ids(&ids);
-            let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
-            Standing::of(&bench, structure, start.run(REFIT_EVALUATIONS).finish()).unwrap()
-        };
+        let fitted = |ids: &[&str]| with(&bench, ids);
         let before = Standing {
             rivals: vec![KeptModel::of(&fitted(&["steady_wind"]))],
             ..fitted(&["tilted_gravity"])
         };
         let next = fitted(&["tilted_gravity", "gripper_lag"]);
-        let refit = Refit {
-            ids: vec!["gripper_lag".into()],
-            parameters: Vec::new(),
-            theta: next.fitted.best.theta.clone(),
-            cost: next.fitted.cost,
-            fit: next.left.clone(),
-            held_out: next.held.clone(),
-            gates: Vec::new(),
-            passed: true,
-        };
         let round = Round {
             known: before.structure.ids(),
             table: ScoreTable::of(vec![Score::alone("gripper_lag", 60.0, 20.0)]),
-            refits: vec![refit],
+            refits: vec![passed(&next)],
             accepted: vec!["gripper_lag".into()],
             dropped: Vec::new(),
             instead_of: Vec::new(),

@@ -208,11 +208,10 @@ fn only_numerical(left: &ResidualSummary, rounds: &[Round], doubt: f64) -> bool 
 
 #[cfg(test)]
 mod tests {
-    use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
+    use super::super::revise::tests::{base, options, recorded, with};
     use super::super::score::ScoreTable;
     use super::*;
     use crate::bench_diagnosis::reality::part;
-    use crate::fit::Descent;
 
     /// The rope leans because its table does. Drag was taken for the cause and the tilt passed second; nothing else may be
     /// added to either.
@@ -225,11 +224,7 @@ mod tests {
         };
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
         let before = base(&bench).left;
-        let model = |id: &str| {
-            let structure = Structure::of_ids(&[id.to_owned()]);
-            let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
-            Standing::of(&bench, structure, start.run(24).finish()).unwrap()
-        };
+        let model = |id: &str| with(&bench, &[id]);
         let all = |first: &str, second: Option<&str>| {
             let at = SoFar {
                 now: model(first),

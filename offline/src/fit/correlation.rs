@@ -203,6 +203,7 @@ mod tests {
         Evaluation {
             theta: vec![14.0, 0.3],
             most_rows: rows.len(),
+            huber: f64::INFINITY,
             rows: vec![rows],
             jacobian,
         }

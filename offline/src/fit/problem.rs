@@ -1,5 +1,6 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
+use super::cost::huber;
 use super::kinds::{flows, opens_late, turns_in_grip};
 use super::push::Pushes;
 use super::sensitivity::{Prediction, Trace};
@@ -91,6 +92,8 @@ pub struct Evaluation {
     pub rows: Vec<Vec<Row>>,
     /// How many they would be if the cameras saw every station, whatever θ is.
     pub most_rows: usize,
+    /// Whitened offsets beyond this count linearly.
+    pub huber: f64,
     /// d(prediction)/dθ along each row's direction, m per unit of θ; empty without tangents, zero for
     /// what was not asked for.
     pub jacobian: DMatrix<f64>,
@@ -195,6 +198,7 @@ impl<'a> Problem<'a> {
             theta: theta.to_vec(),
             rows,
             most_rows: self.most_rows(),
+            huber: huber(self.noise_scale),
             jacobian: DMatrix::zeros(0, 0),
         })
     }
@@ -336,6 +340,7 @@ impl<'a> Problem<'a> {
             theta: theta.to_vec(),
             rows,
             most_rows: self.most_rows(),
+            huber: huber(self.noise_scale),
             jacobian,
         })
     }

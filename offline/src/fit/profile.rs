@@ -2,7 +2,7 @@
 //! until the fit is worse than chance makes it. Where the rope does not answer in proportion, as where stiffness and
 //! end mass of a cable grow together, one side is longer than the other, and a standard error hides that.
 
-use super::cost::mean_square;
+use super::cost::{mean_square, prior_cost};
 use super::descent::{Descent, FitResult, not_told};
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::Information;
@@ -65,6 +65,7 @@ pub fn profiles(
         variance_factor: information.variance_factor,
         held: not_told(&problem, structure, &best),
         info: structure.parameters(),
+        prior_weight: fitted.prior_weight,
         problem,
         structure,
         best,
@@ -143,6 +144,8 @@ struct Search<'a> {
     /// See [`Information`].
     variance_factor: Vec<f64>,
     info: Vec<ParameterInfo>,
+    /// As [`FitResult::prior_weight`]: what held the best there holds the others.
+    prior_weight: f64,
     /// Entries that the data do not tell.
     held: Vec<bool>,
 }
@@ -231,14 +234,24 @@ impl Search<'_> {
         let mut held = self.held.clone();
         held[k] = true;
         let fit = Descent::holding(&self.problem, self.structure, &theta, held).ok()?;
-        let fit = fit.run(EVALUATIONS).into_result();
-        let ratio = likelihood_ratio(&self.best, &fit.best, self.variance_factor[k]);
+        let fit = fit.under(self.prior_weight).run(EVALUATIONS).into_result();
+        let ratio = self.likelihood_ratio(&fit.best, self.variance_factor[k]);
         let point = Point {
             distance: side * (fit.best.theta[k] - self.best.theta[k]),
             root: ratio.max(0.0).sqrt(),
             theta: fit.best.theta,
         };
         Some((point, ratio < -BETTER))
+    }
+
+    /// Twice the difference of log-likelihoods of the best and another evaluation, the prior's part with them, over the
+    /// factor by which the misfit of the best and how its offsets hang together enlarge the variance of the entry that
+    /// differs: scaled as its standard error is (McCullagh and Nelder 1989, 9.2).
+    fn likelihood_ratio(&self, other: &Evaluation, variance_factor: f64) -> f64 {
+        let rows = self.best.len() as f64;
+        let weight = self.prior_weight * self.prior_weight;
+        let misfit = |e: &Evaluation| rows * mean_square(e) + 2.0 * weight * prior_cost(&e.theta, &self.info);
+        (misfit(other) - misfit(&self.best)) / variance_factor
     }
 }
 
@@ -260,14 +273,6 @@ fn between(inside: &Point, outside: Option<(f64, Option<f64>)>, farthest: f64) -
             (inside.distance * more.clamp(1.1, FARTHEST)).min(farthest)
         }
     }
-}
-
-/// Twice the difference of log-likelihoods of two evaluations over the factor by which the misfit of the best and how its
-/// offsets hang together enlarge the variance of the entry that differs: scaled as its standard error is (McCullagh and
-/// Nelder 1989, 9.2).
-fn likelihood_ratio(best: &Evaluation, other: &Evaluation, variance_factor: f64) -> f64 {
-    let [least, more] = [best, other].map(mean_square);
-    best.len() as f64 * (more - least) / variance_factor
 }
 
 #[cfg(test)]

@@ -216,6 +216,7 @@ mod tests {
             theta: vec![14.0, 0.25],
             rows: vec![(0..1000).map(row).collect()],
             most_rows: 1000,
+            huber: f64::INFINITY,
             jacobian: DMatrix::from_fn(1000, 2, slopes),
         }
     }

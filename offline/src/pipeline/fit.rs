@@ -19,6 +19,8 @@ pub(super) struct FitFile {
     pub(super) base_theta: Vec<f64>,
     base: Vec<Estimate>,
     pub(super) final_theta: Vec<f64>,
+    /// As [`FitResult::prior_weight`].
+    pub(super) final_prior_weight: f64,
     /// How far the grid's own error may have moved each entry of it.
     pub(super) grid_shift: Vec<f64>,
     parameters: Vec<Estimate>,
@@ -54,6 +56,7 @@ impl FitFile {
             base_theta: base.best.theta.clone(),
             base: estimates(&base.best, &Structure::default()),
             final_theta: last.fitted.best.theta.clone(),
+            final_prior_weight: last.fitted.prior_weight,
             grid_shift: last.grid_shift.to_vec(),
             parameters: last.parameters,
             effects: last.structure.ids(),

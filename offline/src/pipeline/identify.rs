@@ -79,7 +79,7 @@ pub fn identify(
                 "found, before what to do next is asked: {}",
                 outcome.verdict
             ));
-            let force = force_left(&demos, &outcome, &options, progress);
+            let force = force_left((&demos, &held_out), &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
                 separating_demonstration,
@@ -144,7 +144,7 @@ fn diagnosed(
 
 /// What is left as a force, where nothing explains it.
 fn force_left(
-    demos: &[&Demo],
+    (demos, held_out): (&[&Demo], &[&Demo]),
     outcome: &Outcome,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
@@ -153,7 +153,7 @@ fn force_left(
         return None;
     }
     progress("asking which force along the rope would explain what is left");
-    residual_force(demos, outcome, options).unwrap_or_else(|error| {
+    residual_force(demos, held_out, outcome, options).unwrap_or_else(|error| {
         progress(&format!("no such force could be found: {error}"));
         None
     })
@@ -190,7 +190,10 @@ fn restore(
         swing: diagnosis.swing,
     };
     let outcome = Outcome {
-        fitted: fit_from(&here, &structure, fit.final_theta.clone(), 1)?,
+        fitted: FitResult {
+            prior_weight: fit.final_prior_weight,
+            ..fit_from(&here, &structure, fit.final_theta.clone(), 1)?
+        },
         base: fit_from(&here, &base_structure, fit.base_theta.clone(), 1)?,
         held_out_before: there.residuals(&base_structure, &fit.base_theta)?,
         held_out_after: there.residuals(&structure, &fit.final_theta)?,

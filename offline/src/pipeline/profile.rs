@@ -120,6 +120,7 @@ mod tests {
             theta: vec![ln_young, 0.3],
             rows: Vec::new(),
             most_rows: 0,
+            huber: f64::INFINITY,
             jacobian: DMatrix::zeros(0, 2),
         };
         let of = Profiled {

@@ -57,6 +57,7 @@ fn evaluation(structure: &Structure, offset_m: f64) -> fit::Evaluation {
     fit::Evaluation {
         theta,
         most_rows: rows.len(),
+        huber: f64::INFINITY,
         rows: vec![rows],
         jacobian,
     }

@@ -103,6 +103,7 @@ pub(super) fn transplanted(
         theta: wide.theta.clone(),
         rows: fitted.rows.clone(),
         most_rows: fitted.most_rows,
+        huber: fitted.huber,
         jacobian,
     }
 }

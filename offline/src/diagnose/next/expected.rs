@@ -165,6 +165,7 @@ impl Predicted {
         let evaluation = Evaluation {
             theta: Vec::new(),
             most_rows: rows.len(),
+            huber: f64::INFINITY,
             rows: vec![rows],
             jacobian: DMatrix::zeros(0, 0),
         };
