@@ -163,13 +163,33 @@ pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &Loop
     )
 }
 
+/// Name of the gate that asks whether anything is missing.
+const SIGNIFICANT: &str = "significant";
+
+/// Passes the gate of significance for a refit that failed no other: another effect has shown that something is missing.
+pub(super) fn excuse(refit: &mut Refit, significant: &[String]) {
+    let failed = refit.gates.iter_mut().filter(|gate| !gate.passed);
+    let failed: Vec<&mut Gate> = failed.collect();
+    if failed.iter().any(|gate| gate.name != SIGNIFICANT) {
+        return;
+    }
+    for gate in failed {
+        gate.passed = true;
+        gate.detail += &format!(
+            "; that something is missing {} has shown",
+            effects::together(significant)
+        );
+    }
+    refit.passed = true;
+}
+
 /// What the effect takes away must be more than it could of data without any: to first order, by its score, or in full,
 /// by its refit, which counts only offsets that are independent in what the poorer of both fits leaves.
 fn significant(candidate: &Subset, before: &ResidualSummary, after: &ResidualSummary) -> Gate {
     let rows = before.effective_rows.min(after.effective_rows);
     let in_full = rows * (taken_away_mm(before, after) / before.floor_mm).powi(2);
     Gate::new(
-        "significant",
+        SIGNIFICANT,
         candidate.significant() || in_full > candidate.threshold,
         format!(
             "score {:.0}, refit {in_full:.0}, pseudo-data without effect reach {:.0}",

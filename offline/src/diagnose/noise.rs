@@ -107,13 +107,24 @@ impl Noise {
         }
     }
 
-    /// By how much of its square the noise floor may lie too low under so many offsets: both mean squares are of few
-    /// independent values. The upper end of a one-sided 99 % interval of their difference: a right model is asked more than
-    /// once, where fitted and where held out, and one in twenty would be a stand-in by chance.
+    /// By how much of its square the noise floor may lie too low under so many offsets before a right model is called
+    /// wrong. The upper end of a one-sided 99 % interval: such a model is asked more than once, where fitted and where held
+    /// out, and one in twenty would be a stand-in by chance.
     pub fn doubt(&self, rows: usize) -> f64 {
-        const DEVIATIONS: f64 = 2.326;
+        2.326 * self.uncertainty(rows)
+    }
+
+    /// The same before other causes are not looked for, which costs nothing but time: a curl that left 1.19 mm where the
+    /// floor was 0.92 would else have been the first and last to be tried of a rope on a table that leaned.
+    pub fn slight_doubt(&self, rows: usize) -> f64 {
+        self.uncertainty(rows)
+    }
+
+    /// Standard deviation of a noise floor's square under so many offsets, as a share of it: both mean squares are of few
+    /// independent values.
+    fn uncertainty(&self, rows: usize) -> f64 {
         let seen = independent_squares(rows as f64, self.in_time, self.along_rope);
-        DEVIATIONS * (2.0 / self.values + 2.0 / seen).sqrt()
+        (2.0 / self.values + 2.0 / seen).sqrt()
     }
 
     /// The operator that makes this noise white on the rows of an evaluation.
@@ -416,7 +427,7 @@ mod tests {
         };
         let count = (0..SETS).filter(exceeds).count();
         println!("{count} of {SETS}");
-        assert!((1..=20).contains(&count), "{count}");
+        assert!((1..=8).contains(&count), "{count}");
     }
 
     /// After whitening with the true correlations the noise has unit variance and no neighbours alike.

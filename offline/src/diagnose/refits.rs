@@ -192,7 +192,8 @@ impl<'a> Refits<'a> {
     /// Whether a refit passed and leaves nothing to explain: where it was fitted, and hardly anything where held out,
     /// because what looks like the cause in one motion does not in others.
     fn explained(&self, Tried { refit, fitted, .. }: &Tried) -> bool {
-        let (doubt, numerical_mm) = (self.bench.doubt(&fitted.best), self.table.discretisation_mm);
+        let doubt = self.bench.slight_doubt(&fitted.best);
+        let numerical_mm = self.table.discretisation_mm;
         refit.passed
             && explains(&self.now.left, fitted, doubt, numerical_mm)
             && excess_removed(&self.now.held, &refit.held_out, numerical_mm)

@@ -179,7 +179,12 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// By how much of its square the noise floor under a fit may lie too low.
+    /// As [`Noise::slight_doubt`] says of what a fit leaves.
+    pub(super) fn slight_doubt(&self, evaluation: &Evaluation) -> f64 {
+        self.noise.slight_doubt(evaluation.len())
+    }
+
+    /// As [`Noise::doubt`] says of what a fit leaves.
     pub(super) fn doubt(&self, evaluation: &Evaluation) -> f64 {
         self.noise.doubt(evaluation.len())
     }
