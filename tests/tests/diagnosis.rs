@@ -164,9 +164,7 @@ fn what_nothing_explains_is_described_as_a_force() {
         outcome.verdict
     );
     let began = Instant::now();
-    let force = residual_force(&[&demo], &[], &outcome, &options)
-        .unwrap()
-        .unwrap();
+    let force = residual_force(&[&demo], &outcome, &options).unwrap().unwrap();
     println!("{:.1} s: {}", began.elapsed().as_secs_f64(), force.in_words);
     let best = &force.terms[0];
     assert!(

@@ -45,21 +45,20 @@ impl Noise {
         values: f64::INFINITY,
     };
 
-    /// From the frames at rest of evaluations of what is fitted and of what is held out: noise is the cameras', and no
-    /// model is judged by it. None where the demonstrations show too few.
+    /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few. Not from those
+    /// that are held out: how well a rope is seen hangs on where it rests, and with the sample rope's held-out recordings
+    /// its noise came out as 0.91 of the declared, without them as 1.19.
     ///
     /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
     /// not matter. Correlation and size maximise the restricted likelihood (Patterson
     /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
-    pub fn at_rest(seen: [(&Problem, &Evaluation); 2]) -> Option<Self> {
+    pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
-        for (problem, evaluation) in seen {
-            for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
-                let frames = demo.rest_frames(&scene.frame_times_s);
-                if frames >= MIN_REST_FRAMES {
-                    let stations = station_arcs_m(demo).len();
-                    series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
-                }
+        for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
+            let frames = demo.rest_frames(&scene.frame_times_s);
+            if frames >= MIN_REST_FRAMES {
+                let stations = station_arcs_m(demo).len();
+                series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
             }
         }
         Self::of_series(&series)

@@ -463,16 +463,12 @@ mod tests {
         let ends = |id: &str, values: &[f64]| {
             let structure = Structure::default().with(effects::find(id).unwrap());
             let theta = [&[YOUNG_PA.ln(), 0.3], values].concat();
-            let end = || {
-                Descent::at(&bench.fit, &structure, &theta)
-                    .unwrap()
-                    .run(REFIT_EVALUATIONS)
-            };
-            [
-                end().finish(),
-                end().shrunk(SHRINK_EVALUATIONS, f64::INFINITY).finish(),
-            ]
-            .map(|fit| fit.best.theta[2])
+            let end = Descent::at(&bench.fit, &structure, &theta)
+                .unwrap()
+                .run(REFIT_EVALUATIONS);
+            let free = end.best().theta[2];
+            let held = end.shrunk(SHRINK_EVALUATIONS, f64::INFINITY);
+            [free, held.best().theta[2]]
         };
         let [free, held] = ends("air_drag", &[0.1; 3]);
         assert!(held < 0.5 * free, "{free} {held}");

@@ -111,22 +111,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// What it fitted, and the noise there and where held out as it was measured or, else, declared.
-    pub(super) fn fitted_problem<'a>(
-        &self,
-        demos: &[&'a Demo],
-        held_out: &[&'a Demo],
-        options: &LoopOptions,
-    ) -> Result<(Problem<'a>, Noise), FitError> {
-        let (mut fit, mut judges) = problems(demos, held_out, options)?;
-        for problem in [&mut fit, &mut judges] {
-            problem.noise_scale = self.noise_scale.unwrap_or(1.0);
-        }
-        let seen = [(&fit, &self.base.best), (&judges, &self.held_out_before)];
-        let noise = Noise::at_rest(seen).unwrap_or(Noise::DECLARED);
-        Ok((fit, noise))
-    }
-
     /// Parameters of the final model. Their standard errors hold both what the noise and what the simulation's
     /// own error may have moved.
     pub fn estimates(&self) -> Vec<Estimate> {
@@ -298,10 +282,7 @@ fn fit_base(
             fit(&bench.fit, &Structure::default(), &options.fit)?
         }
     };
-    let held = bench
-        .held_out
-        .residuals(&Structure::default(), &base.best.theta)?;
-    let noise = Noise::at_rest([(&bench.fit, &base.best), (&bench.held_out, &held)]);
+    let noise = Noise::at_rest(&bench.fit, &base.best);
     if let Some(noise) = noise {
         bench.set_noise(noise, options);
         base.best.set_noise_scale(noise.scale);

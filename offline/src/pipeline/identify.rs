@@ -79,7 +79,7 @@ pub fn identify(
                 "found, before what to do next is asked: {}",
                 outcome.verdict
             ));
-            let force = force_left((&demos, &held_out), &outcome, &options, progress);
+            let force = force_left(&demos, &outcome, &options, progress);
             let advice = advise(&demos, &held_out, &outcome, &options, progress);
             if let Verdict::Confounded {
                 separating_demonstration,
@@ -144,7 +144,7 @@ fn diagnosed(
 
 /// What is left as a force, where nothing explains it.
 fn force_left(
-    (demos, held_out): (&[&Demo], &[&Demo]),
+    demos: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
     progress: &dyn Fn(&str),
@@ -153,7 +153,7 @@ fn force_left(
         return None;
     }
     progress("asking which force along the rope would explain what is left");
-    residual_force(demos, held_out, outcome, options).unwrap_or_else(|error| {
+    residual_force(demos, outcome, options).unwrap_or_else(|error| {
         progress(&format!("no such force could be found: {error}"));
         None
     })

@@ -13,6 +13,7 @@ mod words;
 use self::estimate::{Estimated, estimate};
 use self::motion::Motion;
 use self::terms::{TermShare, stable_terms};
+use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome};
 use crate::demo::Demo;
 use crate::fit::{FitError, KNOTS, Problem};
@@ -75,7 +76,6 @@ pub struct DemoForce {
 /// A simulation stopped, or too little was measured.
 pub fn residual_force(
     demos: &[&Demo],
-    held_out: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
 ) -> Result<Option<ResidualForce>, FitError> {
@@ -83,7 +83,9 @@ pub fn residual_force(
     if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }
-    let (all, noise) = outcome.fitted_problem(demos, held_out, options)?;
+    let mut all = Problem::new(demos, options.resolution)?;
+    all.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    let noise = Noise::at_rest(&all, &outcome.base.best).unwrap_or(Noise::DECLARED);
     let theta = &outcome.fitted.best.theta;
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);

@@ -25,7 +25,7 @@ use self::swing_risk::{SMALL_MM, SwingRisks};
 use self::words::{choose_narrowing, choose_separating};
 use super::choice::tie_spread;
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome};
+use super::rounds::{LoopOptions, Outcome, problems};
 use super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;
@@ -199,12 +199,13 @@ impl<'a> Desk<'a> {
         outcome: &Outcome,
         options: &'a LoopOptions,
     ) -> Result<Self, FitError> {
-        let (problem, noise) = outcome.fitted_problem(demos, held_out, options)?;
+        let (mut problem, _) = problems(demos, held_out, options)?;
+        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         // Poses at rest have no motion to vary.
         let moves = |demo: &&Demo| !demo.spec.is_static();
         let varied = demos.iter().position(moves).unwrap_or(0);
         Ok(Self {
-            noise,
+            noise: Noise::at_rest(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
             varied,
             look: Look::of(demos[varied], &outcome.fitted.best.rows[varied]),
             problem,
