@@ -42,10 +42,9 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     }
     if last >= Stage::Freeze {
         let length_m = inputs.demos[0].spec.rope.length_m;
-        let warning = arguments.place.reach(&SwingTask::PAPER, length_m)?;
-        warning
-            .iter()
-            .for_each(|warning| reporter.say(&format!("warning: {warning}")));
+        if let Some(warning) = arguments.place.reach(&SwingTask::PAPER, length_m)? {
+            reporter.say(&format!("warning: {warning}"));
+        }
     }
     for warning in inputs.differences() {
         reporter.say(&format!("warning: {warning}"));

@@ -389,8 +389,9 @@ pub(super) mod tests {
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
         let now = base(&bench);
+        let [lag, offset] = ["gripper_lag", "clock_offset"].map(|id| KeptModel::of(&with(&bench, &[id])));
         let rivals = |share_of_it: f64| {
-            let mut offset = with(&bench, &["clock_offset"]);
+            let [lag, mut offset] = [&lag, &offset].map(|kept| kept.again(&bench).unwrap());
             offset.fitted.best.theta[2] *= share_of_it;
             let tried = Tried {
                 refit: passed(&offset),
@@ -398,7 +399,6 @@ pub(super) mod tests {
                 cost: offset.fitted.cost,
                 fitted: offset.fitted,
             };
-            let lag = with(&bench, &["gripper_lag"]);
             let mut choice = Choice {
                 accepted: Some((lag.structure.ids(), lag)),
                 ..Choice::default()

@@ -184,9 +184,13 @@ pub(super) mod tests {
     use std::collections::BTreeMap;
     use std::sync::{Arc, Mutex, OnceLock};
 
+    fn of_effects(ids: &[&str]) -> Structure {
+        Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>())
+    }
+
     /// A model that leaves `rms_mm` everywhere.
     pub fn standing(ids: &[&str], rms_mm: f64) -> Standing {
-        let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let structure = of_effects(ids);
         let fitted = fitted(&structure, 1e-3 * rms_mm);
         let held = ResidualSummary::of(&fitted.best);
         Standing::judged(structure, fitted, held)
@@ -254,7 +258,7 @@ pub(super) mod tests {
 
     /// Where a model with some effects comes to soon.
     pub fn with(bench: &Bench, ids: &[&str]) -> Standing {
-        let structure = Structure::of_ids(&ids.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let structure = of_effects(ids);
         let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
         Standing::of(bench, structure, start.run(10).finish()).unwrap()
     }
@@ -262,13 +266,7 @@ pub(super) mod tests {
     /// What is told of a model whose last effect passed.
     pub fn passed(model: &Standing) -> Refit {
         Refit {
-            ids: model
-                .structure
-                .ids()
-                .into_iter()
-                .next_back()
-                .into_iter()
-                .collect(),
+            ids: model.structure.ids().pop().into_iter().collect(),
             parameters: Vec::new(),
             theta: model.fitted.best.theta.clone(),
             cost: model.fitted.cost,

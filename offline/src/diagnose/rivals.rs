@@ -103,12 +103,11 @@ mod tests {
         let demos = recorded(&[part("tilted_gravity", tilt), part("gripper_lag", 7.0)]);
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
-        let fitted = |ids: &[&str]| with(&bench, ids);
         let before = Standing {
-            rivals: vec![KeptModel::of(&fitted(&["steady_wind"]))],
-            ..fitted(&["tilted_gravity"])
+            rivals: vec![KeptModel::of(&with(&bench, &["steady_wind"]))],
+            ..with(&bench, &["tilted_gravity"])
         };
-        let next = fitted(&["tilted_gravity", "gripper_lag"]);
+        let next = with(&bench, &["tilted_gravity", "gripper_lag"]);
         let round = Round {
             known: before.structure.ids(),
             table: ScoreTable::of(vec![Score::alone("gripper_lag", 60.0, 20.0)]),

@@ -121,6 +121,15 @@ enum Slopes {
     Corrected(usize),
 }
 
+/// The parameters of a structure with a prior that is so many times narrower.
+pub(super) fn held_by(structure: &Structure, prior_weight: f64) -> Vec<ParameterInfo> {
+    let narrower = |mut p: ParameterInfo| {
+        p.prior_sd /= prior_weight;
+        p
+    };
+    structure.parameters().into_iter().map(narrower).collect()
+}
+
 /// A descent, which can go on where its budget was spent. Its steps have slopes only for the entries of θ that are free:
 /// those that are held take as much time as others. Tangents take two to eight times as long as the prediction itself:
 /// where a step kept what it promised its slopes are corrected by what it did. A descent never ends by corrected slopes.
@@ -350,11 +359,7 @@ impl<'a> Descent<'a> {
 
     /// The parameters with a prior that is so many times narrower.
     fn info(&self, prior_weight: f64) -> Vec<ParameterInfo> {
-        let narrower = |mut p: ParameterInfo| {
-            p.prior_sd /= prior_weight;
-            p
-        };
-        self.structure.parameters().into_iter().map(narrower).collect()
+        held_by(&self.structure, prior_weight)
     }
 
     /// Steps until an end or until the budget is spent.

@@ -3,7 +3,7 @@
 //! end mass of a cable grow together, one side is longer than the other, and a standard error hides that.
 
 use super::cost::{mean_square, prior_cost};
-use super::descent::{Descent, FitResult, not_told};
+use super::descent::{Descent, FitResult, held_by, not_told};
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::Information;
 use crate::model::{Estimate, ParameterInfo, Structure};
@@ -64,7 +64,7 @@ pub fn profiles(
         spread: information.covariance(),
         variance_factor: information.variance_factor,
         held: not_told(&problem, structure, &best),
-        info: structure.parameters(),
+        info: held_by(structure, fitted.prior_weight),
         prior_weight: fitted.prior_weight,
         problem,
         structure,
@@ -143,6 +143,7 @@ struct Search<'a> {
     spread: DMatrix<f64>,
     /// See [`Information`].
     variance_factor: Vec<f64>,
+    /// With the prior as narrow as it was there.
     info: Vec<ParameterInfo>,
     /// As [`FitResult::prior_weight`]: what held the best there holds the others.
     prior_weight: f64,
@@ -249,8 +250,7 @@ impl Search<'_> {
     /// differs: scaled as its standard error is (McCullagh and Nelder 1989, 9.2).
     fn likelihood_ratio(&self, other: &Evaluation, variance_factor: f64) -> f64 {
         let rows = self.best.len() as f64;
-        let weight = self.prior_weight * self.prior_weight;
-        let misfit = |e: &Evaluation| rows * mean_square(e) + 2.0 * weight * prior_cost(&e.theta, &self.info);
+        let misfit = |e: &Evaluation| rows * mean_square(e) + 2.0 * prior_cost(&e.theta, &self.info);
         (misfit(other) - misfit(&self.best)) / variance_factor
     }
 }
