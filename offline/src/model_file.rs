@@ -4,7 +4,7 @@
 use crate::demo::{Demo, SceneKind};
 use crate::effects;
 use crate::model::{Estimate, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
-use crate::run_files::{FileError, Fnv64, write_whole};
+use crate::run_files::{FileError, Fnv64, RunFolder, write_whole};
 use crate::sim::REVISION;
 use crate::sim::rope::RopeShape;
 use crate::toml_lines::line_at;
@@ -191,6 +191,17 @@ impl ModelFile {
         write_whole(path, self.text().as_bytes())
     }
 
+    /// The model of a run's folder, or of a file.
+    ///
+    /// # Errors
+    /// As [`ModelFile::load`].
+    pub fn of_run_or_file(path: &Path) -> anyhow::Result<Self> {
+        if path.is_dir() {
+            return Self::load(&RunFolder::there(path).model());
+        }
+        Self::load(path)
+    }
+
     /// Reads and checks the file.
     ///
     /// # Errors
@@ -283,10 +294,11 @@ fn refuse_other(found: &Estimate, [name, unit]: [&str; 2]) -> anyhow::Result<()>
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn model(tip_kg: f64, young_pa: f64) -> ModelFile {
+    /// A rope with a mass at its tip, kg.
+    pub fn model(tip_kg: f64, young_pa: f64) -> ModelFile {
         let structure = Structure {
             effects: vec![effects::find("tip_mass").expect("in the registry")],
         };

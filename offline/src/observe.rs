@@ -5,10 +5,14 @@
 //! inference. Instead every point is projected on the predicted centreline; the points of a station
 //! lie on the rope's surface, a circle of the known radius R in the plane across the rope, and the
 //! offset δ of that circle's centre is found from |q − δ| = R. Seeing only the front of the rope
-//! hence shifts nothing, and no camera has to be known. Labelled markers give three offsets directly.
+//! hence shifts nothing ([`circle`]), and no camera has to be known; of one that is, the noise is known to lie along its
+//! rays. Labelled markers give three offsets directly.
+
+mod circle;
 
 use crate::demo::{Demo, Observations};
 use crate::sim::kernel::weights;
+use circle::circle_centre;
 use nalgebra::{Matrix2, Vector2};
 
 /// One measured number: the rope's axis lies `offset_m` from the prediction along `direction`.
@@ -106,6 +110,7 @@ pub fn measure(demo: &Demo, frame: usize, line: &Centreline, section: Section) -
             &SectionShape {
                 section,
                 radius_m: 0.5 * demo.spec.rope.diameter_m,
+                cameras_m: demo.spec.cameras.iter().map(|c| c.position_m).collect(),
             },
             demo.spec.noise_m,
         ),
@@ -181,6 +186,8 @@ struct Projected {
 struct SectionShape {
     section: Section,
     radius_m: f64,
+    /// Where the cameras are that see it, as far as they are known.
+    cameras_m: Vec<[f64; 3]>,
 }
 
 impl SectionShape {
@@ -206,13 +213,31 @@ impl SectionShape {
         }
     }
 
-    /// Centre of the section through these points, and its covariance.
-    fn centre(&self, points: &[(Projected, f64)], noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    /// What lies across the rope, at a place of a piece of it, of the unit vectors from the cameras to there.
+    fn rays(&self, segment: &Segment, arc_m: f64) -> Vec<Vector2<f64>> {
+        let there_m = segment.at(arc_m);
+        let ray = |camera_m: &[f64; 3]| {
+            let d: [f64; 3] = std::array::from_fn(|k| there_m[k] - camera_m[k]);
+            Vector2::from(segment.normals.map(|normal| dot(d, normal))) / dot(d, d).sqrt()
+        };
+        self.cameras_m.iter().map(ray).collect()
+    }
+
+    /// Centre of the section through these points, which cameras see along `rays`, and its covariance.
+    fn centre(
+        &self,
+        points: &[(Projected, f64)],
+        noise_m: f64,
+        rays: &[Vector2<f64>],
+    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         if points.len() < MIN_POINTS {
             return None;
         }
         match self.section {
-            Section::Surface => circle_centre(points, self.radius_m, noise_m),
+            Section::Surface => {
+                let across_m: Vec<_> = points.iter().map(|(p, _)| p.across_m).collect();
+                circle_centre(&across_m, self.radius_m, noise_m, rays)
+            }
             Section::Filled => filled_centre(points, noise_m),
         }
     }
@@ -242,11 +267,7 @@ fn measure_cloud(
         if let Some((own, _)) = own[station] {
             centre -= own;
         }
-        let arc_m = (station as f64 + 0.5) / STATIONS as f64 * line.length_m;
-        let segment = segments
-            .iter()
-            .find(|s| arc_m <= s.arc_end_m)
-            .unwrap_or(&segments[segments.len() - 1]);
+        let (segment, arc_m) = middle(station, line, &segments);
         // Rotate to the axes of the error ellipse, where the two offsets are independent.
         let eigen = covariance.symmetric_eigen();
         for k in 0..2 {
@@ -267,6 +288,13 @@ fn measure_cloud(
     rows
 }
 
+/// The piece of the rope in which the middle of a station lies, and that one's arc length, m.
+fn middle<'a>(station: usize, line: &Centreline, segments: &'a [Segment]) -> (&'a Segment, f64) {
+    let arc_m = (station as f64 + 0.5) / STATIONS as f64 * line.length_m;
+    let there = segments.iter().find(|s| arc_m <= s.arc_end_m);
+    (there.unwrap_or(&segments[segments.len() - 1]), arc_m)
+}
+
 /// Centre of the section at every station, relative to the centreline, and its covariance, as these points show it.
 fn centres(
     points_m: &[[f64; 3]],
@@ -284,7 +312,11 @@ fn centres(
             }
         }
     }
-    bins.iter().map(|bin| shape.centre(bin, noise_m)).collect()
+    let centre = |(station, bin): (usize, &Vec<_>)| {
+        let (segment, arc_m) = middle(station, line, segments);
+        shape.centre(bin, noise_m, &shape.rays(segment, arc_m))
+    };
+    bins.iter().enumerate().map(centre).collect()
 }
 
 /// A straight piece of the centreline with its frame.
@@ -401,39 +433,6 @@ fn filled_centre(points: &[(Projected, f64)], noise_m: f64) -> Option<(Vector2<f
     ))
 }
 
-/// Centre of a circle of known radius through noisy points on part of it: Gauss-Newton on
-/// |q − δ| − R with Huber's weights, from the centroid. Returns the centre and its covariance.
-fn circle_centre(
-    points: &[(Projected, f64)],
-    radius_m: f64,
-    noise_m: f64,
-) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-    const ROUNDS: usize = 8;
-    let mut centre = points.iter().map(|(p, _)| p.across_m).sum::<Vector2<f64>>() / points.len() as f64;
-    let mut information = Matrix2::zeros();
-    for _ in 0..ROUNDS {
-        information = Matrix2::zeros();
-        let mut right = Vector2::zeros();
-        for (p, _) in points {
-            let d = p.across_m - centre;
-            let distance = d.norm();
-            if distance < 1e-9 {
-                continue;
-            }
-            let u = d / distance;
-            let miss = distance - radius_m;
-            let weight = (3.0 * noise_m / miss.abs()).min(1.0);
-            information += weight * u * u.transpose();
-            right += weight * miss * u;
-        }
-        // A hundredth of a point's worth of information keeps narrow views solvable.
-        information += Matrix2::identity() * 0.01;
-        centre += information.try_inverse()? * right;
-    }
-    let covariance = information.try_inverse()? * (noise_m * noise_m);
-    Some((centre, covariance))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -503,8 +502,9 @@ mod tests {
         let shape = SectionShape {
             section: Section::Surface,
             radius_m: 0.007,
+            cameras_m: Vec::new(),
         };
-        let rows = measure_cloud(&cloud, 0, &line, &shape, 0.001);
+        let rows = measure_cloud(&cloud, 0, &line, &shape, 1e-4);
         assert_eq!(rows.len(), 2 * STATIONS);
         for row in rows {
             let expected = row.direction[1] * 0.004 + row.direction[2] * 0.003;
@@ -528,6 +528,7 @@ mod tests {
         let shape = SectionShape {
             section: Section::Filled,
             radius_m: 0.007,
+            cameras_m: Vec::new(),
         };
         let rows = |filled_m: &[[f64; 3]]| {
             let line = Centreline {

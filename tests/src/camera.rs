@@ -1,6 +1,6 @@
 //! Depth cameras: cast a ray through every pixel, find the rope, add a sensor's noise, project back.
 
-use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use offline::demo::CameraSpec;
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
@@ -16,25 +16,6 @@ pub struct SensorSpec {
     pub dropout: f64,
     /// Most points kept in a frame, drawn at random from all cameras' pixels.
     pub most_points: usize,
-}
-
-/// A camera of 320 x 240 pixels with a RealSense D435's focal length (385 pixels for an image 640
-/// wide), looking from `position_m` at `target_m` with the image's x axis level.
-pub fn looking_at(name: &str, position_m: [f64; 3], target_m: [f64; 3]) -> CameraSpec {
-    let forward = (Vector3::from(target_m) - Vector3::from(position_m)).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let down = forward.cross(&right);
-    let basis = Matrix3::from_columns(&[right, down, forward]);
-    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
-    CameraSpec {
-        name: name.to_owned(),
-        position_m,
-        quaternion_xyzw: turn.coords.into(),
-        width_px: 320,
-        height_px: 240,
-        focal_px: [385.0, 385.0],
-        centre_px: [159.5, 119.5],
-    }
 }
 
 /// A pixel that saw the rope.

@@ -1,6 +1,6 @@
 //! The rope and the recordings that ship with the program (`offline/demos/sample-rope`).
 
-use crate::camera::{SensorSpec, looking_at};
+use crate::camera::SensorSpec;
 use crate::dynamics::{ClampMotion, Material};
 use crate::effects::WorldEffects;
 use crate::motion::{ClampPath, Leg};
@@ -84,8 +84,8 @@ pub fn lift(name: &str, material: Material, legs: &[Leg]) -> WorldSpec {
 pub fn two_cameras() -> Vec<CameraSpec> {
     let target_m = [0.12, 0.0, 0.15];
     vec![
-        looking_at("front-left", [0.57, 0.42, 0.48], target_m),
-        looking_at("front-right", [0.57, -0.42, 0.48], target_m),
+        CameraSpec::looking_at("front-left", [0.57, 0.42, 0.48], target_m),
+        CameraSpec::looking_at("front-right", [0.57, -0.42, 0.48], target_m),
     ]
 }
 

@@ -1,9 +1,10 @@
 //! The simulated depth cameras: what they see lies on the rope, facing them, with the stated noise.
 
 use nalgebra::Vector3;
+use offline::demo::CameraSpec;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tests::camera::{SensorSpec, looking_at, observe, render};
+use tests::camera::{SensorSpec, observe, render};
 use tests::effects::WorldEffects;
 use tests::sample_rope::{shipped_specs, two_cameras};
 use tests::world::{TruthFrame, simulate};
@@ -61,7 +62,7 @@ fn hits_lie_on_the_visible_surface() {
 
 #[test]
 fn a_nearer_rope_hides_a_farther_one() {
-    let camera = looking_at("above", [0.0, -0.001, 1.0], [0.0, 0.0, 0.0]);
+    let camera = CameraSpec::looking_at("above", [0.0, -0.001, 1.0], [0.0, 0.0, 0.0]);
     let position = Vector3::from(camera.position_m);
     // A loop that crosses over itself: the second strand is 0.1 m above the first.
     let at = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);

@@ -61,22 +61,26 @@ fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
         effect_values: Vec::new(),
         resolution: Resolution { cells: 1.5 },
     };
-    let mut off = Vec::new();
-    for young_pa in [0.3e6, 0.9e6, 3e6] {
-        for release_m in [[0.08, 0.15], [0.15, 0.08], [0.12, 0.10]] {
-            let mut rope = material();
-            rope.young_pa = young_pa;
-            let spec = swing("swing", rope, &task, release_m, &CALM);
-            let rod_m = reach_m(&spec, &simulate(&spec, &leaning));
-            let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
-            println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
-            let known = (young_pa, release_m) == KNOWN;
-            let tolerance_m = if known { 2.0 * TOLERANCE_M } else { TOLERANCE_M };
-            if (program_m - rod_m).abs() > tolerance_m {
-                off.push((young_pa, release_m, rod_m, program_m));
-            }
-        }
-    }
+    let misses = |young_pa: f64, release_m: [f64; 2]| {
+        let mut rope = material();
+        rope.young_pa = young_pa;
+        let spec = swing("swing", rope, &task, release_m, &CALM);
+        let rod_m = reach_m(&spec, &simulate(&spec, &leaning));
+        let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
+        println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
+        let known = (young_pa, release_m) == KNOWN;
+        let tolerance_m = if known { 2.0 * TOLERANCE_M } else { TOLERANCE_M };
+        ((program_m - rod_m).abs() > tolerance_m).then_some((young_pa, release_m, rod_m, program_m))
+    };
+    let off: Vec<_> = std::thread::scope(|scope| {
+        let misses = &misses;
+        let ropes = [0.3e6, 0.9e6, 3e6].map(|young_pa| {
+            let swings = [[0.08, 0.15], [0.15, 0.08], [0.12, 0.10]];
+            scope.spawn(move || swings.map(|release_m| misses(young_pa, release_m)))
+        });
+        let each = ropes.into_iter().flat_map(|rope| rope.join().expect("it swings"));
+        each.flatten().collect()
+    });
     assert!(off.is_empty(), "{off:?}");
 }
 

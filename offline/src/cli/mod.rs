@@ -175,6 +175,10 @@ struct RunArguments {
     /// Threads; all cores by default.
     #[arg(long, value_parser = threads())]
     threads: Option<usize>,
+    /// Other identified ropes that the blob shall hold beside this one, as goals name them 1, 2 and so on: runs that have
+    /// fitted them, or their model.toml. The policy learns this rope; how far it misses with the others is said.
+    #[arg(long, num_args = 1.., value_name = "RUN")]
+    also: Vec<PathBuf>,
     #[command(flatten)]
     place: place::Place,
 }

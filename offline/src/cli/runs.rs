@@ -12,8 +12,9 @@ use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::model_file::ModelFile;
 use offline::pipeline::{
-    Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, fit, freeze_policy,
-    holds_diagnosis, identify, learn, profile, refuse_unnameable, refuse_unswingable, rollouts,
+    Beside, Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, beside, fit,
+    freeze_policy, holds_diagnosis, identify, learn, profile, refuse_beside, refuse_unnameable,
+    refuse_unswingable, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -40,6 +41,9 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     if last > Stage::Diagnose {
         refuse_unswingable(&inputs)?;
     }
+    let also = arguments.also.iter().map(|path| ModelFile::of_run_or_file(path));
+    let also: Vec<ModelFile> = also.collect::<anyhow::Result<_>>()?;
+    refuse_beside(&name, &also)?;
     if last >= Stage::Freeze {
         let length_m = inputs.demos[0].spec.rope.length_m;
         if let Some(warning) = arguments.place.reach(&SwingTask::PAPER, length_m)? {
@@ -67,6 +71,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     let job = Job {
         run,
         inputs,
+        also,
         settings,
         arguments,
         reporter,
@@ -93,6 +98,8 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
 /// What a command works on.
 struct Job<'a> {
     inputs: Inputs,
+    /// Ropes that the blob holds beside the run's own.
+    also: Vec<ModelFile>,
     settings: RunSettings,
     run: RunFolder,
     arguments: &'a RunArguments,
@@ -162,6 +169,7 @@ impl Job<'_> {
             held_out_after_mm: after.rms_mm,
             floor_mm: after.floor_mm,
             policy: None,
+            beside: Vec::new(),
             blob: None,
             report: None,
             wall_s: 0.0,
@@ -202,11 +210,15 @@ impl Job<'_> {
                 summary.policy = learned.evaluation.miss;
                 say_learned(&learned, reporter);
                 dataset = Some(learned.trained.dataset.hash);
+                if last >= Stage::Freeze {
+                    let trained = &learned.trained;
+                    let others = beside(&trained.policy, &trained.reach, self.also.clone(), watch)?;
+                    say_beside(&others, reporter);
+                    self.freeze(&identified, (&learned, &others))?;
+                    summary.beside = others.iter().map(Beside::summary).collect();
+                }
                 policy = Some(learned);
             }
-        }
-        if let Some(learned) = policy.as_ref().filter(|_| last >= Stage::Freeze) {
-            self.freeze(&identified, learned)?;
         }
         self.write_tables((&identified, &summary.profiles), policy.as_ref())?;
         if last == Stage::Report {
@@ -218,7 +230,7 @@ impl Job<'_> {
         Ok((summary, dataset))
     }
 
-    fn freeze(&self, identified: &Identified, learned: &Learned) -> anyhow::Result<()> {
+    fn freeze(&self, identified: &Identified, learned: (&Learned, &[Beside])) -> anyhow::Result<()> {
         let frozen = freeze_policy(
             identified,
             learned,
@@ -499,6 +511,22 @@ fn say_learned(learned: &Learned, reporter: &Reporter) {
         "this rope reaches goals from {:.3} to {:.3} m",
         learned.reach_m.low, learned.reach_m.high
     ));
+}
+
+fn say_beside(others: &[Beside], reporter: &Reporter) {
+    for (index, other) in others.iter().enumerate() {
+        let (miss, reach) = (&other.miss, &other.reach_m);
+        reporter.say(&format!(
+            "rope {}, {}: reaches goals from {:.3} to {:.3} m, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
+            index + 1,
+            other.model.name,
+            reach.low,
+            reach.high,
+            miss.mean_mm,
+            miss.spread_mm,
+            miss.count
+        ));
+    }
 }
 
 /// Writes `run.json`.

@@ -12,7 +12,6 @@ use offline::fit::Resolution;
 use offline::model::{POISSON_PRIOR, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
 use offline::model_file::ModelFile;
 use offline::play::{Played, play};
-use offline::run_files::RunFolder;
 use offline::sim::rope::RopeShape;
 use offline::sim::scene::MIN_CELLS_PER_DIAMETER;
 use offline::swing::SimulatedSwing;
@@ -99,7 +98,11 @@ struct Rope {
 
 impl Rope {
     fn of(arguments: &SimulateArguments) -> anyhow::Result<Self> {
-        let model = arguments.model.as_deref().map(load).transpose()?;
+        let model = arguments
+            .model
+            .as_deref()
+            .map(ModelFile::of_run_or_file)
+            .transpose()?;
         let (mut structure, mut values) = match &model {
             Some(model) => model.structure()?,
             None => (Structure::default(), Vec::new()),
@@ -121,14 +124,6 @@ impl Rope {
             theta,
         })
     }
-}
-
-/// The model of a run, or of a file.
-fn load(path: &Path) -> anyhow::Result<ModelFile> {
-    if path.is_dir() {
-        return ModelFile::load(&RunFolder::there(path).model());
-    }
-    ModelFile::load(path)
 }
 
 /// Adds an effect, or gives it other values where the structure has it.

@@ -27,7 +27,7 @@ pub use recording::recording;
 pub use summary::{summary, warnings};
 pub use write::refuse_to_replace;
 
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the folder format.
@@ -170,6 +170,27 @@ pub struct CameraSpec {
     pub focal_px: [f64; 2],
     /// Principal point (cx, cy), pixels.
     pub centre_px: [f64; 2],
+}
+
+impl CameraSpec {
+    /// A camera of 320 x 240 pixels with a RealSense D435's focal length (385 pixels for an image 640
+    /// wide), looking from `position_m` at `target_m` with the image's x axis level.
+    pub fn looking_at(name: &str, position_m: [f64; 3], target_m: [f64; 3]) -> Self {
+        let forward = (Vector3::from(target_m) - Vector3::from(position_m)).normalize();
+        let right = forward.cross(&Vector3::z()).normalize();
+        let down = forward.cross(&right);
+        let basis = Matrix3::from_columns(&[right, down, forward]);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
+        Self {
+            name: name.to_owned(),
+            position_m,
+            quaternion_xyzw: turn.coords.into(),
+            width_px: 320,
+            height_px: 240,
+            focal_px: [385.0, 385.0],
+            centre_px: [159.5, 119.5],
+        }
+    }
 }
 
 /// The file `demo.toml`.

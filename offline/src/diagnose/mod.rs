@@ -9,7 +9,7 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 8;
+pub const REVISION: u32 = 9;
 
 mod accounted;
 mod added;
@@ -19,6 +19,7 @@ mod choice;
 mod conclude;
 mod force;
 mod gates;
+mod leaner;
 mod memory;
 mod next;
 mod noise;

@@ -60,7 +60,7 @@ fn spared(
 
 /// What is left of the rivals of a model that lost some effects: each without those of its own that it does not need, if
 /// it still ties and is not the model itself, or more or less of it.
-fn rivals_of_less(
+pub(super) fn rivals_of_less(
     bench: &Bench,
     model: &Standing,
     rivals: Vec<KeptModel>,
@@ -103,18 +103,25 @@ fn doubtful(model: &Standing, some: &[usize]) -> Vec<usize> {
 
 /// The model without an effect, where it is no worse than chance lets it be and its other effects keep physical values.
 fn without(bench: &Bench, model: &Standing, effect: usize) -> Option<Standing> {
-    let mut theta = model.fitted.best.theta.clone();
-    theta.drain(model.structure.entries(effect));
-    let structure = model.structure.without(effect);
-    let start = Descent::at(&bench.fit, &structure, &theta).ok()?;
-    let fitted = refitted(start, model);
-    let without = Standing::of(bench, structure, fitted).ok()?;
+    let without = refitted_without(bench, model, &[effect])?;
     let free = bench
         .fit
         .free_entries(&model.structure, &model.fitted.best, effect);
-    let worse = needs(free, [&without, model]);
+    (!needs(free, [&without, model])).then_some(without)
+}
+
+/// The model without some effects, fitted again, where its others keep physical values.
+pub(super) fn refitted_without(bench: &Bench, model: &Standing, gone: &[usize]) -> Option<Standing> {
+    let (mut theta, mut structure) = (model.fitted.best.theta.clone(), model.structure.clone());
+    for &effect in gone {
+        theta.drain(structure.entries(effect));
+        structure = structure.without(effect);
+    }
+    let start = Descent::at(&bench.fit, &structure, &theta).ok()?;
+    let fitted = refitted(start, model);
+    let without = Standing::of(bench, structure, fitted).ok()?;
     let values = estimates(&without.fitted.best, &without.structure);
-    (within_ranges(&without.structure, &values) && !worse).then_some(without)
+    within_ranges(&without.structure, &values).then_some(without)
 }
 
 /// Where a fit ends that is compared with a model: with the prior as heavy as in the model's own.

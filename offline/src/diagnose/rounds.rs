@@ -3,6 +3,7 @@
 use super::accounted::HeldOut;
 use super::choice::Standing;
 use super::conclude::{Facts, conclude};
+use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;
@@ -337,42 +338,50 @@ pub fn resume_loop(
         });
     };
     let ended = all_rounds(&bench, start, &before, options, &keep, progress)?;
-    let (rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
-    let Standing {
-        structure,
-        fitted,
-        rivals,
-        ..
-    } = ended.model;
-    let held_out_after = bench.held_out.residuals(&structure, &fitted.best.theta)?;
+    let (mut rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
     progress("estimating what the grid itself may have moved");
-    let grid_shift = grid_shift(&bench.fit, &structure, &fitted.best)?;
-    let (verdict, reasons) = conclude(&Facts {
-        structure: &structure,
-        base: &before,
-        fitted: &fitted,
-        held_out: bench.where_held_out([&held_out_before, &held_out_after], (&structure, &fitted)),
-        estimates: &estimates_within(&fitted.best, &structure, &grid_shift),
-        rounds: &rounds,
-        rivals: &rivals,
-        demos: [demos.len(), held_out.len()],
-        pure_error: noise.is_some(),
-        doubt: bench.doubt(&fitted.best),
-        stopped,
-    });
+    let judge = |model: Standing| -> Result<Judged, FitError> {
+        let (structure, fitted) = (&model.structure, &model.fitted);
+        let held_out_after = bench.held_out.residuals(structure, &fitted.best.theta)?;
+        let grid_shift = grid_shift(&bench.fit, structure, &fitted.best)?;
+        let (verdict, reasons) = conclude(&Facts {
+            structure,
+            base: &before,
+            fitted,
+            held_out: bench.where_held_out([&held_out_before, &held_out_after], (structure, fitted)),
+            estimates: &estimates_within(&fitted.best, structure, &grid_shift),
+            rounds: &rounds,
+            rivals: &model.rivals,
+            demos: [demos.len(), held_out.len()],
+            pure_error: noise.is_some(),
+            doubt: bench.doubt(&fitted.best),
+            stopped,
+        });
+        Ok(Judged {
+            model,
+            held_out: held_out_after,
+            grid_shift,
+            verdict,
+            reasons,
+        })
+    };
+    let (judged, dropped) = leaner(&bench, judge(ended.model)?, &judge, progress);
+    if let Some(last) = rounds.last_mut() {
+        last.dropped.extend(dropped);
+    }
     Ok(Outcome {
-        structure,
-        fitted,
+        structure: judged.model.structure,
+        fitted: judged.model.fitted,
         base,
         held_out_before,
-        held_out_after,
+        held_out_after: judged.held_out,
         rounds,
-        verdict,
-        reasons,
+        verdict: judged.verdict,
+        reasons: judged.reasons,
         noise_scale: noise.map(|n| n.scale),
-        rivals,
+        rivals: judged.model.rivals,
         library,
-        grid_shift,
+        grid_shift: judged.grid_shift,
     })
 }
 

@@ -1,5 +1,6 @@
 //! The second half of a run: rollouts, policy, evaluation, blob.
 
+use super::beside::Beside;
 use super::identify::Identified;
 use super::settings::{Inputs, Preset, RunSettings};
 use crate::collect::{DatasetSummary, Design, Watch, collect_design};
@@ -14,6 +15,7 @@ use crate::train::{Schedule, TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
 use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry, TaskFrame};
+use shared::policy::TrainingRanges;
 use shared::profile::MotionLimits;
 use shared::task::{Interval, SwingTask};
 
@@ -36,8 +38,8 @@ const YOUNG_PA: Interval = Interval {
 };
 /// Poisson's ratios of the paper.
 const POISSON: Interval = Interval { low: 0.2, high: 0.4 };
-/// Goals by which the reach of the identified rope is confirmed.
-const REACH_GOALS: usize = 5;
+/// Goals by which the reach of an identified rope is confirmed.
+pub(super) const REACH_GOALS: usize = 5;
 
 /// Refuses a rope that no swing of the task can be simulated or made with, before hours of work.
 ///
@@ -53,7 +55,7 @@ pub fn refuse_unswingable(inputs: &Inputs) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// The model names an effect that this program does not know.
-pub fn swing_of(model: &ModelFile) -> anyhow::Result<SimulatedSwing> {
+pub(super) fn swing_of(model: &ModelFile) -> anyhow::Result<SimulatedSwing> {
     let (structure, effect_values) = model.structure()?;
     Ok(SimulatedSwing {
         rope: model.rope,
@@ -157,18 +159,43 @@ pub fn learn(
     })
 }
 
-/// Freezes the policy with the identified rope into `policy.blob`, for an arm that stands at `frame`.
+/// Freezes the policy with the identified rope, and others beside it, into `policy.blob`, for an arm that stands at `frame`.
 ///
 /// # Errors
 /// A name is too long, or the file written does not read back equal.
 pub fn freeze_policy(
     identified: &Identified,
-    learned: &Learned,
+    (learned, beside): (&Learned, &[Beside]),
     (settings, frame): (&RunSettings, TaskFrame),
     demos: &[u64],
     run: &RunFolder,
 ) -> anyhow::Result<Frozen> {
     let model = &identified.model;
+    let ranges = learned.trained.policy.ranges();
+    let own = std::iter::once((model, learned.reach_m));
+    let ropes = own.chain(beside.iter().map(|other| (&other.model, other.reach_m)));
+    let ropes: Vec<RopeEntry> = ropes
+        .map(|(model, reach_m)| rope_entry(model, reach_m, ranges))
+        .collect::<anyhow::Result<_>>()?;
+    let blob = Box::new(Blob {
+        policy: (*learned.trained.policy).clone(),
+        ropes: bounded("ropes", &ropes)?,
+        task: learned.swing.task,
+        frame,
+        motion: MotionLimits::PAPER,
+        provenance: Provenance {
+            demos: bounded("demonstrations", demos)?,
+            model: identified.model_hash,
+            dataset: learned.trained.dataset.hash,
+            seed: settings.seed,
+            program: short("program", &model.provenance.program)?,
+        },
+    });
+    freeze(&blob, &run.blob())
+}
+
+/// What a blob says of a rope that reaches goals of `reach_m`, m, by a policy of some training ranges.
+fn rope_entry(model: &ModelFile, reach_m: Interval, ranges: &TrainingRanges) -> anyhow::Result<RopeEntry> {
     let mut effects = Vec::new();
     for entry in &model.effects {
         for p in &entry.parameters {
@@ -184,8 +211,7 @@ pub fn freeze_policy(
         .elasticity
         .first_chunk()
         .context("a model has E and Poisson's ratio")?;
-    let ranges = learned.trained.policy.ranges();
-    let rope = RopeEntry {
+    Ok(RopeEntry {
         name: short("rope", &model.name)?,
         young_pa: young.value,
         young_se_pa: young.standard_error,
@@ -197,22 +223,7 @@ pub fn freeze_policy(
         diameter_m: model.rope.diameter_m,
         mass_kg: model.rope.mass_kg,
         end_mass_kg: model.rope.end_mass_kg,
-        reach_m: learned.reach_m,
+        reach_m,
         effects: bounded("effects", &effects)?,
-    };
-    let blob = Box::new(Blob {
-        policy: (*learned.trained.policy).clone(),
-        ropes: bounded("ropes", &[rope])?,
-        task: learned.swing.task,
-        frame,
-        motion: MotionLimits::PAPER,
-        provenance: Provenance {
-            demos: bounded("demonstrations", demos)?,
-            model: identified.model_hash,
-            dataset: learned.trained.dataset.hash,
-            seed: settings.seed,
-            program: short("program", &model.provenance.program)?,
-        },
-    });
-    freeze(&blob, &run.blob())
+    })
 }

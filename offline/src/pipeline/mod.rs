@@ -2,6 +2,8 @@
 //! in the run's folder. What takes long, up to the trained policy, is not made again where it is there for the same data
 //! and settings, so a killed run goes on where it was; what follows is made anew.
 
+#[cfg(feature = "train")]
+mod beside;
 mod fit;
 mod identify;
 #[cfg(feature = "train")]
@@ -10,6 +12,8 @@ mod model;
 mod profile;
 mod settings;
 
+#[cfg(feature = "train")]
+pub use beside::{Beside, beside, refuse_beside};
 pub use fit::{NOT_DIAGNOSED, fit};
 pub use identify::{Identified, holds_diagnosis, identify};
 #[cfg(feature = "train")]
@@ -60,10 +64,23 @@ pub struct Summary {
     pub floor_mm: f64,
     /// |goal − reached| over unseen ropes and goals.
     pub policy: Option<crate::evaluate::MissSummary>,
+    /// Other ropes in the blob.
+    pub beside: Vec<BesideSummary>,
     /// Path of the blob.
     pub blob: Option<String>,
     /// Path of the report.
     pub report: Option<String>,
     /// Wall time of this invocation, s.
     pub wall_s: f64,
+}
+
+/// Another rope that a policy answers for.
+#[derive(Clone, Debug, Serialize)]
+pub struct BesideSummary {
+    /// Its name.
+    pub name: String,
+    /// Goals that it reaches, m.
+    pub reach_m: shared::task::Interval,
+    /// |goal − reached| over some of them.
+    pub miss: crate::evaluate::MissSummary,
 }

@@ -3,7 +3,7 @@
 //! demonstration is a file, so that a run that was stopped goes on.
 
 use super::adam::Parameters;
-use super::data::{Source, WHOLE_RANGE, draw, record, seen_by_cameras};
+use super::data::{Source, WHOLE_RANGE, cameras, draw, record, seen_by_cameras};
 use super::ours::{Fitted, demo_of, fit_clouds};
 use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
@@ -113,7 +113,7 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
     let noise_seed = (settings.seed ^ CAMERA_SEED).wrapping_add(index);
     let seen = seen_by_cameras(&rope, settings.camera_noise_m, noise_seed);
     let fitted = demonstration(&settings.fitter)?;
-    let demo = demo_of(&fitted, seen, settings.camera_noise_m);
+    let demo = demo_of(&fitted, seen, settings.camera_noise_m, cameras());
     let start_seed = (settings.seed ^ START_SEED).wrapping_add(index);
     let fit = fit_clouds(&demo, &fitted, Section::Surface, start_seed, settings.starts)?;
     let judged = Judged {

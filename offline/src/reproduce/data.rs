@@ -4,6 +4,7 @@
 use super::adam::Parameters;
 use super::scene::{DENSITY_KG_M3, Discretisation, FRICTION, demonstration, physics};
 use crate::collect::{standard_normal, stream};
+use crate::demo::CameraSpec;
 use crate::sim::rope::Sampling;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Scene, SimError, simulate};
@@ -115,8 +116,16 @@ pub fn last_state(parameters: Parameters, fitter: &Discretisation) -> Result<Vec
 
 /// Where the two cameras stand: in front to the left and to the right, looking down at the lift.
 const CAMERAS_M: [[f64; 3]; 2] = [[0.57, 0.42, 0.48], [0.57, -0.42, 0.48]];
+/// What both look at, m.
+const LOOKED_AT_M: [f64; 3] = [0.12, 0.0, 0.08];
 /// Points that both cameras together keep of a frame.
 const CAMERA_POINTS: usize = 1000;
+
+/// The two cameras as a demonstration declares them.
+pub fn cameras() -> Vec<CameraSpec> {
+    let camera = |position_m: [f64; 3]| CameraSpec::looking_at("front", position_m, LOOKED_AT_M);
+    CAMERAS_M.map(camera).into()
+}
 
 /// What two depth cameras see of the rope: points of the rope's side that face a camera, each off by
 /// normal noise of `noise_m` along its ray. The rope is round, one slice's frame is that of its chord;

@@ -5,7 +5,7 @@ use super::adam::Parameters;
 use super::data::{WHOLE_RANGE, draw};
 use super::scene::{FRICTION, theta};
 use crate::demo::{
-    CloudFrame, Demo, DemoSpec, FORMAT, Observations, RopeSpec, SceneKind, StartState, TableSpec,
+    CameraSpec, CloudFrame, Demo, DemoSpec, FORMAT, Observations, RopeSpec, SceneKind, StartState, TableSpec,
 };
 use crate::fit::{
     FitError, FitOptions, FitResult, Problem, STIFFNESS_ACCURACY, estimates_within, fit_starts, grid_shift,
@@ -34,8 +34,8 @@ pub struct Fitted {
     pub stop: crate::fit::StopReason,
 }
 
-/// The clouds as a demonstration. Its clamp path is the scene's own, so it has no samples.
-pub fn demo_of(scene: &Scene, clouds_m: Vec<Vec<[f64; 3]>>, noise_m: f64) -> Demo {
+/// The clouds as a demonstration, and the cameras that saw them. Its clamp path is the scene's own, so it has no samples.
+pub fn demo_of(scene: &Scene, clouds_m: Vec<Vec<[f64; 3]>>, noise_m: f64, cameras: Vec<CameraSpec>) -> Demo {
     let frames = scene
         .frame_times_s
         .iter()
@@ -65,7 +65,7 @@ pub fn demo_of(scene: &Scene, clouds_m: Vec<Vec<[f64; 3]>>, noise_m: f64) -> Dem
                 friction: FRICTION,
             }),
             clamps: Vec::new(),
-            cameras: Vec::new(),
+            cameras,
         },
         clamps: Vec::new(),
         commanded: Vec::new(),
@@ -135,7 +135,7 @@ fn fitted(result: &FitResult, structure: &Structure, shift: &[f64], density: f64
 
 #[cfg(test)]
 mod tests {
-    use super::super::data::{STARTS, Source, record, seen_by_cameras};
+    use super::super::data::{STARTS, Source, cameras, record, seen_by_cameras};
     use super::super::scene::{Discretisation, demonstration};
     use super::*;
 
@@ -151,7 +151,7 @@ mod tests {
         let made = record(truth, Source::Sampled, &fitter).unwrap();
         let scene = demonstration(&fitter).unwrap();
         let seen = seen_by_cameras(&made, NOISE_M, 99);
-        let demo = demo_of(&scene, seen, NOISE_M);
+        let demo = demo_of(&scene, seen, NOISE_M, cameras());
         let fit = fit_clouds(&demo, &scene, Section::Surface, 7, 2).unwrap();
         println!("truth {truth:?}, {fit:?}");
         let off = [0, 1].map(|k| (fit.parameters[k] - truth[k]).abs());

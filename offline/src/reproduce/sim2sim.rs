@@ -3,7 +3,7 @@
 
 use super::adam::Parameters;
 use super::chamfer::chamfer;
-use super::data::{STARTS, Source, draw, last_state, record, seen_by_cameras};
+use super::data::{STARTS, Source, cameras, draw, last_state, record, seen_by_cameras};
 use super::method::{Case, Effort, Estimated, Method};
 use super::ours::demo_of;
 use super::scene::{DENSITY_KG_M3, Discretisation, STEPS, demonstration};
@@ -167,17 +167,17 @@ fn cases(settings: &Settings, index: u64) -> anyhow::Result<[Case; 2]> {
     let noisy = seen_by_cameras(&rope, settings.camera_noise_m, camera_seed);
     let fitted = demonstration(&settings.fitter)?;
     let last_m = last_state(truth, &settings.fitter)?;
-    let case = |clouds, section, noise_m| Case {
+    let case = |clouds, section, noise_m, seen_by| Case {
         name: format!("rope {index}"),
-        demo: demo_of(&fitted, clouds, noise_m),
+        demo: demo_of(&fitted, clouds, noise_m, seen_by),
         scene: fitted.clone(),
         section,
         truth: Some(truth),
         last_m: last_m.clone(),
     };
     Ok([
-        case(rope.particles_m, Section::Filled, 0.0),
-        case(noisy, Section::Surface, settings.camera_noise_m),
+        case(rope.particles_m, Section::Filled, 0.0, Vec::new()),
+        case(noisy, Section::Surface, settings.camera_noise_m, cameras()),
     ])
 }
 

@@ -1,0 +1,170 @@
+//! The centre of a circle of known radius R through noisy points on a part of it, as a camera sees of a round rope.
+//!
+//! The circle through noisy points is not the circle through true ones. Of a point at δ + R u + n, with noise n of
+//! covariance Σ and t across u, distance and direction from the centre are m = |R u + n| - R = n·u + (n·t)²/2R and
+//! u + (n·t) t/R, so that what m pulls at the centre is, to second order in the noise, not nothing at the truth but
+//!
+//! E\[m u\] = ((uᵀΣt) t + ½ (tᵀΣt) u) / R.
+//!
+//! Where a rope is seen from one side, all of that pulls it towards the camera: by 0.3 mm at 2 mm of noise along the
+//! rays and a radius of 7 mm, which passed for 1 % of its stiffness where two cameras looked down on a lift. It is
+//! known, and is taken away.
+//!
+//! Through few such points also goes the circle on their other side: of ten points, one in six was taken for that, 11 mm
+//! off. So the way begins behind the points, as seen from the cameras, or where the rope is thought to be.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// Distance of the points' centroid from the centre of the half circle that one camera sees, over the radius: what is seen
+/// shrinks with the cosine of the angle to the ray.
+const HALF_SEEN: f64 = std::f64::consts::FRAC_PI_4;
+/// How far from the points' centroid the predicted centre, the origin, may lie to begin there, over the radius.
+const NEAR: f64 = 1.5;
+
+/// The centre, and its covariance, of points whose noise is `noise_m` along some rays, or along every direction where there
+/// are none. Of a ray, a unit vector away from a camera, what lies in the circle's plane is given. Gauss-Newton on
+/// |q − δ| − R with Huber's weights; none where it has no solution.
+pub(super) fn circle_centre(
+    points_m: &[Vector2<f64>],
+    radius_m: f64,
+    noise_m: f64,
+    rays: &[Vector2<f64>],
+) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    const ROUNDS: usize = 8;
+    let mut centre = start(points_m, radius_m, rays);
+    let mut information = Matrix2::zeros();
+    for _ in 0..ROUNDS {
+        information = Matrix2::zeros();
+        let mut right = Vector2::zeros();
+        for point in points_m {
+            let d = point - centre;
+            let distance = d.norm();
+            if distance < 1e-9 {
+                continue;
+            }
+            let u = d / distance;
+            let miss = distance - radius_m;
+            let weight = (3.0 * noise_m / miss.abs()).min(1.0);
+            information += weight * u * u.transpose();
+            right += weight * (miss * u - pull(u, rays) * (noise_m * noise_m / radius_m));
+        }
+        // A hundredth of a point's worth of information keeps narrow views solvable.
+        information += Matrix2::identity() * 0.01;
+        centre += information.try_inverse()? * right;
+    }
+    let covariance = information.try_inverse()? * (noise_m * noise_m);
+    Some((centre, covariance))
+}
+
+/// Where the way to the centre begins.
+fn start(points_m: &[Vector2<f64>], radius_m: f64, rays: &[Vector2<f64>]) -> Vector2<f64> {
+    let centroid = points_m.iter().sum::<Vector2<f64>>() / points_m.len() as f64;
+    if !rays.is_empty() {
+        let away = rays.iter().sum::<Vector2<f64>>() / rays.len() as f64;
+        return centroid + HALF_SEEN * radius_m * away;
+    }
+    if centroid.norm() <= NEAR * radius_m {
+        return Vector2::zeros();
+    }
+    centroid
+}
+
+/// E\[m u\] at a point in direction `u`, in the noise's variance over the radius.
+fn pull(u: Vector2<f64>, rays: &[Vector2<f64>]) -> Vector2<f64> {
+    let t = Vector2::new(-u.y, u.x);
+    let noise = covariance(u, rays) * t;
+    t * u.dot(&noise) + 0.5 * t.dot(&noise) * u
+}
+
+/// Covariance of the noise of a point that lies in direction `u`, over its variance. Which camera saw it is not known: each
+/// did as often as the surface there faces it.
+fn covariance(u: Vector2<f64>, rays: &[Vector2<f64>]) -> Matrix2<f64> {
+    let facing = |ray: &Vector2<f64>| (-ray.dot(&u)).max(0.0);
+    let all: f64 = rays.iter().map(facing).sum();
+    if rays.is_empty() {
+        return Matrix2::identity();
+    }
+    // What none faces was moved there by its noise.
+    let share = |ray: &Vector2<f64>| {
+        if all > 0.0 {
+            facing(ray) / all
+        } else {
+            1.0 / rays.len() as f64
+        }
+    };
+    rays.iter().map(|ray| ray * ray.transpose() * share(ray)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collect::{standard_normal, stream};
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use std::f64::consts::{FRAC_PI_2, TAU};
+
+    const RADIUS_M: f64 = 0.007;
+
+    /// Points of a rope at the origin as cameras see it that look along some unit `rays` in its plane, off by noise along
+    /// these, or along both axes.
+    fn seen(
+        random: &mut ChaCha8Rng,
+        (points, noise_m): (usize, f64),
+        (rays, along_rays): (&[Vector2<f64>], bool),
+    ) -> Vec<Vector2<f64>> {
+        let point = |k: usize| loop {
+            let ray = rays[k % rays.len()];
+            let angle = TAU * random.random::<f64>();
+            let u = Vector2::new(angle.cos(), angle.sin());
+            // Visible area shrinks with the angle between ray and normal; so do pixels.
+            if random.random::<f64>() < -ray.dot(&u) {
+                let mut normal = || noise_m * standard_normal(random);
+                let noise = if along_rays {
+                    ray * normal()
+                } else {
+                    Vector2::new(normal(), normal())
+                };
+                break RADIUS_M * u + noise;
+            }
+        };
+        (0..points).map(point).collect()
+    }
+
+    /// Centres that are found of many such ropes, m.
+    fn found(of: (usize, f64), (rays, along_rays): (&[Vector2<f64>], bool)) -> Vec<Vector2<f64>> {
+        let mut random = stream(1, 0);
+        let known = if along_rays { rays } else { &[] };
+        let one = |_| {
+            let points = seen(&mut random, of, (rays, along_rays));
+            circle_centre(&points, RADIUS_M, of.1, known).unwrap().0
+        };
+        (0..2000).map(one).collect()
+    }
+
+    fn ray(angle: f64) -> Vector2<f64> {
+        Vector2::new(angle.cos(), angle.sin())
+    }
+
+    /// Seen: the middle was found 0.063 mm nearer to one camera that looks at it.
+    #[test]
+    fn noise_moves_no_rope_towards_the_cameras_that_see_it() {
+        for rays in [vec![ray(0.4)], vec![ray(-FRAC_PI_2), ray(-0.3)]] {
+            for along_rays in [true, false] {
+                let found = found((100, 1e-3), (&rays, along_rays));
+                let off_m = (found.iter().sum::<Vector2<f64>>() / found.len() as f64).norm();
+                println!("{rays:?}, along rays {along_rays}: {off_m:.2e} m off");
+                assert!(off_m < 2e-5, "{rays:?}, along rays {along_rays}: {off_m} m");
+            }
+        }
+    }
+
+    /// Seen: of ten points of a rope, one rope in six was found on the cameras' side of them.
+    #[test]
+    fn no_rope_lies_before_what_is_seen_of_it() {
+        for along_rays in [true, false] {
+            let found = found((10, 2e-3), (&[ray(0.4)], along_rays));
+            let before = found.iter().filter(|centre| centre.norm() > RADIUS_M).count();
+            assert!(before <= found.len() / 200, "{before} of {}", found.len());
+        }
+    }
+}
