@@ -201,7 +201,8 @@ pub struct DemoSpec {
     pub format: String,
     /// Which experiment.
     pub scene: SceneKind,
-    /// Declared standard deviation of one measured point along each axis, m.
+    /// Declared standard deviation of one measured point, m: along the rays of the cameras where these are declared, else
+    /// along each axis.
     pub noise_m: f64,
     /// Whether only x and z were measured: the motion is planar, y is the plane's and says nothing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]

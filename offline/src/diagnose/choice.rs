@@ -371,7 +371,7 @@ pub(super) mod tests {
         let structure = Structure::default().with(damping);
         let free = Descent::at(&bench.fit, &structure, &[YOUNG_PA.ln(), 0.3, 0.05])
             .unwrap()
-            .run(24);
+            .run(10);
         let free_s = free.best().theta[2];
         let model = Standing::of(&bench, structure, free.shrunk(8, f64::INFINITY).finish()).unwrap();
         let held_s = model.fitted.best.theta[2];

@@ -485,7 +485,7 @@ mod tests {
         let structure = Structure::default().with(effects::find("internal_damping").unwrap());
         let end = Descent::at(&bench.fit, &structure, &[YOUNG_PA.ln(), 0.3, 0.11])
             .unwrap()
-            .run(REFIT_EVALUATIONS);
+            .run(10);
         let shrunk = |most_cost: f64| {
             let fit = end.clone().shrunk(SHRINK_EVALUATIONS, most_cost).finish();
             (fit.best.theta[2], fit.cost)

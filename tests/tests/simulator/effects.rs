@@ -19,10 +19,9 @@ use offline::sim::{Dual, Physics, Real, Rollout, simulate};
 use offline::verify::{Stepper, matrix, rows};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use tests::derivatives::LANES;
 use tests::scenes::{knot, rope, start_grip};
 
-/// Most parameters that an effect has.
-const MOST: usize = 6;
 /// Effects that only take energy, and how far off their vanishing value, in sizes of interest, they
 /// act strongly on a flight.
 const DISSIPATIVE: [(&str, f64); 3] = [("air_drag", 0.4), ("internal_damping", 0.4), ("yield", 9.0)];
@@ -177,13 +176,13 @@ fn tangents_are_slopes_for_every_parameter() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for (effect, spec) in ALL.iter().enumerate() {
         let count = spec.parameters.len();
-        assert!(count <= MOST);
+        assert!(count <= LANES);
         if spec.parameters.iter().any(|p| p.slope == Slope::Secant) {
             continue;
         }
         let scene = scene_for(effect);
         let values = values_with_tangents(effect, &mut rng);
-        let inputs: Vec<Dual<f64, MOST>> = values
+        let inputs: Vec<Dual<f64, LANES>> = values
             .iter()
             .enumerate()
             .map(|(k, &v)| Dual::input(v, k))
@@ -211,7 +210,7 @@ fn slope_error(
     effect: usize,
     values: &[f64],
     (k, h): (usize, f64),
-    dual: &Rollout<Dual<f64, MOST>>,
+    dual: &Rollout<Dual<f64, LANES>>,
 ) -> f64 {
     let shifted = |sign: f64| {
         let mut moved = values.to_vec();

@@ -13,6 +13,7 @@ use offline::sim::tensor::value3;
 use offline::sim::{Cause, Dual, Physics, Real, Scene, simulate};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use tests::derivatives::LANES;
 use tests::elastica::Elastica;
 
 const CELLS: f64 = 1.5;
@@ -240,7 +241,7 @@ fn tangents_of_a_pose_are_its_differences() {
     for (effect, values) in MATERIALS {
         let structure = with_effect(effect);
         let theta = [&[CABLE.young_pa.ln(), 0.3], values].concat();
-        let inputs: Vec<Dual<f64, 4>> = theta
+        let inputs: Vec<Dual<f64, LANES>> = theta
             .iter()
             .enumerate()
             .map(|(k, &x)| Dual::input(x, k))

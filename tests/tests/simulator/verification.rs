@@ -7,7 +7,7 @@ use offline::sim::scene::StepLength;
 use offline::sim::{Dual, Physics, Rollout, simulate};
 use offline::verify::setup::{SOFT_PA, knot, rope, scene, start_grip};
 use offline::verify::{Extent, random, table, verify};
-use tests::derivatives::{Slope, slope};
+use tests::derivatives::{LANES, Slope, slope};
 
 #[test]
 fn the_simulator_agrees_with_what_is_known_exactly() {
@@ -55,7 +55,7 @@ fn lift_at<T: Laned>(theta: [T; 3]) -> Rollout<T> {
 #[test]
 fn tangents_are_the_slopes_of_a_lift() {
     let theta = [SOFT_PA.ln(), 0.3, 0.4];
-    let dual = lift_at::<Dual<f64, 3>>(std::array::from_fn(|k| Dual::input(theta[k], k)));
+    let dual = lift_at::<Dual<f64, LANES>>(std::array::from_fn(|k| Dual::input(theta[k], k)));
     for k in 0..3 {
         let h = 1e-6;
         let sides = [-1.0, 1.0].map(|sign| {
