@@ -12,7 +12,7 @@ mod circle;
 
 use crate::demo::{Demo, Observations};
 use crate::sim::kernel::weights;
-use circle::circle_centre;
+use circle::{Seen, circle_centres};
 use nalgebra::{Matrix2, Vector2};
 
 /// One measured number: the rope's axis lies `offset_m` from the prediction along `direction`.
@@ -222,25 +222,6 @@ impl SectionShape {
         };
         self.cameras_m.iter().map(ray).collect()
     }
-
-    /// Centre of the section through these points, which cameras see along `rays`, and its covariance.
-    fn centre(
-        &self,
-        points: &[(Projected, f64)],
-        noise_m: f64,
-        rays: &[Vector2<f64>],
-    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-        if points.len() < MIN_POINTS {
-            return None;
-        }
-        match self.section {
-            Section::Surface => {
-                let across_m: Vec<_> = points.iter().map(|(p, _)| p.across_m).collect();
-                circle_centre(&across_m, self.radius_m, noise_m, rays)
-            }
-            Section::Filled => filled_centre(points, noise_m),
-        }
-    }
 }
 
 fn measure_cloud(
@@ -312,11 +293,24 @@ fn centres(
             }
         }
     }
-    let centre = |(station, bin): (usize, &Vec<_>)| {
-        let (segment, arc_m) = middle(station, line, segments);
-        shape.centre(bin, noise_m, &shape.rays(segment, arc_m))
-    };
-    bins.iter().enumerate().map(centre).collect()
+    let enough = |bin: &Vec<_>| bin.len() >= MIN_POINTS;
+    match shape.section {
+        Section::Filled => {
+            let centre = |bin| enough(bin).then(|| filled_centre(bin, noise_m));
+            bins.iter().map(centre).collect()
+        }
+        Section::Surface => {
+            let seen = |(station, bin): (usize, &Vec<(Projected, f64)>)| {
+                let (segment, arc_m) = middle(station, line, segments);
+                enough(bin).then(|| Seen {
+                    points_m: bin.iter().map(|(p, _)| p.across_m).collect(),
+                    rays: shape.rays(segment, arc_m),
+                })
+            };
+            let seen: Vec<Option<Seen>> = bins.iter().enumerate().map(seen).collect();
+            circle_centres(&seen, shape.radius_m, noise_m)
+        }
+    }
 }
 
 /// A straight piece of the centreline with its frame.
@@ -419,7 +413,7 @@ fn project(point: [f64; 3], segments: &[Segment], radius_m: f64) -> Option<Proje
 }
 
 /// Centre of points that fill a disc evenly: their mean.
-fn filled_centre(points: &[(Projected, f64)], noise_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+fn filled_centre(points: &[(Projected, f64)], noise_m: f64) -> (Vector2<f64>, Matrix2<f64>) {
     let sum: f64 = points.iter().map(|(_, share)| share).sum();
     let squares: f64 = points.iter().map(|(_, share)| share * share).sum();
     let centre = points
@@ -427,10 +421,10 @@ fn filled_centre(points: &[(Projected, f64)], noise_m: f64) -> Option<(Vector2<f
         .map(|(p, share)| p.across_m * *share)
         .sum::<Vector2<f64>>()
         / sum;
-    Some((
+    (
         centre,
         Matrix2::identity() * (noise_m * noise_m * squares / (sum * sum)),
-    ))
+    )
 }
 
 #[cfg(test)]

@@ -263,6 +263,7 @@ pub(super) mod tests {
             }],
             accepted: Vec::new(),
             dropped: Vec::new(),
+            nothing: Vec::new(),
             instead_of: Vec::new(),
         }
     }

@@ -232,6 +232,7 @@ pub(super) mod tests {
             refits: refits.clone(),
             accepted: Vec::new(),
             dropped: Vec::new(),
+            nothing: Vec::new(),
             instead_of: Vec::new(),
         };
         let starts = |left_mm, known| better_starts(&standing(&["tip_mass"], left_mm), &[round(known)]);

@@ -114,6 +114,7 @@ mod tests {
             refits: vec![passed(&next)],
             accepted: vec!["gripper_lag".into()],
             dropped: Vec::new(),
+            nothing: Vec::new(),
             instead_of: Vec::new(),
         };
         let rivals = still_rivals(&bench, &before, &next, &round, &options, &|_| ());

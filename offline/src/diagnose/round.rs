@@ -72,6 +72,9 @@ pub struct Round {
     /// Effects of the model at the start that it needs no more beside those that were accepted.
     #[serde(default)]
     pub dropped: Vec<String>,
+    /// Effects that went in the end: within their last standard errors they may be nothing, and the rest explains.
+    #[serde(default)]
+    pub nothing: Vec<String>,
     /// Effects that were accepted here at first, from which the loop did not come as far.
     #[serde(default)]
     pub instead_of: Vec<String>,
@@ -127,6 +130,7 @@ pub(super) fn one_round(
         refits: choice.refits,
         accepted: accepted.unwrap_or_default(),
         dropped: Vec::new(),
+        nothing: Vec::new(),
         instead_of: Vec::new(),
     };
     Ok(Turn {

@@ -365,9 +365,9 @@ pub fn resume_loop(
             reasons,
         })
     };
-    let (judged, dropped) = leaner(&bench, judge(ended.model)?, &judge, progress);
+    let (judged, nothing) = leaner(&bench, judge(ended.model)?, &judge, progress);
     if let Some(last) = rounds.last_mut() {
-        last.dropped.extend(dropped);
+        last.nothing = nothing;
     }
     Ok(Outcome {
         structure: judged.model.structure,

@@ -97,6 +97,7 @@ fn other_beginning(
         accepted: kept.effects.clone(),
         instead_of: first.accepted.clone(),
         dropped: Vec::new(),
+        nothing: Vec::new(),
         ..first.clone()
     };
     let gates = last_gates(bench, &now, &kept.effects, before, options, progress);
@@ -234,6 +235,7 @@ mod tests {
                     refits: Vec::new(),
                     accepted: vec![first.to_owned()],
                     dropped: Vec::new(),
+                    nothing: Vec::new(),
                     instead_of: Vec::new(),
                 }],
                 other: second.map(|id| KeptModel::of(&model(id))),

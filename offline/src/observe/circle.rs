@@ -21,20 +21,54 @@ const HALF_SEEN: f64 = std::f64::consts::FRAC_PI_4;
 /// How far from the points' centroid the predicted centre, the origin, may lie to begin there, over the radius.
 const NEAR: f64 = 1.5;
 
-/// The centre, and its covariance, of points whose noise is `noise_m` along some rays, or along every direction where there
-/// are none. Of a ray, a unit vector away from a camera, what lies in the circle's plane is given. Gauss-Newton on
-/// |q − δ| − R with Huber's weights; none where it has no solution.
-pub(super) fn circle_centre(
-    points_m: &[Vector2<f64>],
+/// Points in a plane across the rope, m, and the rays to there: of unit vectors away from the cameras what lies in the
+/// plane. Where there are none, noise goes every way.
+pub(super) struct Seen {
+    pub points_m: Vec<Vector2<f64>>,
+    pub rays: Vec<Vector2<f64>>,
+}
+
+/// A centre with its covariance, and the squares of what is left, as they are and as noise of variance one lets expect.
+struct Circle {
+    centre: Vector2<f64>,
+    covariance: Matrix2<f64>,
+    squares: [f64; 2],
+}
+
+/// Centres of sections of one rope that were seen at one time, and their covariances; none where they have no solution.
+/// Their noise is the declared `noise_m`; what it pulls is taken away as far as the points scatter by so much.
+pub(super) fn circle_centres(
+    sections: &[Option<Seen>],
     radius_m: f64,
     noise_m: f64,
-    rays: &[Vector2<f64>],
-) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+) -> Vec<Option<(Vector2<f64>, Matrix2<f64>)>> {
+    let through = |variance_m2: f64| {
+        let one = move |section: &Seen| circle(section, radius_m, (noise_m, variance_m2));
+        sections.iter().map(move |section| section.as_ref().and_then(one))
+    };
+    let [left, expected] = through(0.0).flatten().fold([0.0; 2], |[left, expected], circle| {
+        [left + circle.squares[0], expected + circle.squares[1]]
+    });
+    let declared = noise_m * noise_m;
+    let variance_m2 = if expected > 0.0 {
+        declared.min(left / expected)
+    } else {
+        declared
+    };
+    through(variance_m2)
+        .map(|circle| circle.map(|circle| (circle.centre, circle.covariance)))
+        .collect()
+}
+
+/// Gauss-Newton on |q − δ| − R with Huber's weights, for declared noise, without what noise of some variance pulls.
+fn circle(seen: &Seen, radius_m: f64, (noise_m, variance_m2): (f64, f64)) -> Option<Circle> {
     const ROUNDS: usize = 8;
+    let Seen { points_m, rays } = seen;
     let mut centre = start(points_m, radius_m, rays);
     let mut information = Matrix2::zeros();
+    let mut squares = [0.0; 2];
     for _ in 0..ROUNDS {
-        information = Matrix2::zeros();
+        (information, squares) = (Matrix2::zeros(), [0.0; 2]);
         let mut right = Vector2::zeros();
         for point in points_m {
             let d = point - centre;
@@ -46,14 +80,21 @@ pub(super) fn circle_centre(
             let miss = distance - radius_m;
             let weight = (3.0 * noise_m / miss.abs()).min(1.0);
             information += weight * u * u.transpose();
-            right += weight * (miss * u - pull(u, rays) * (noise_m * noise_m / radius_m));
+            right += weight * (miss * u - pull(u, rays) * (variance_m2 / radius_m));
+            squares[0] += weight * miss * miss;
+            squares[1] += weight * u.dot(&(covariance(u, rays) * u));
         }
         // A hundredth of a point's worth of information keeps narrow views solvable.
         information += Matrix2::identity() * 0.01;
         centre += information.try_inverse()? * right;
     }
-    let covariance = information.try_inverse()? * (noise_m * noise_m);
-    Some((centre, covariance))
+    // The centre took two of the points' freedoms.
+    squares[1] *= 1.0 - 2.0 / points_m.len() as f64;
+    Some(Circle {
+        centre,
+        covariance: information.try_inverse()? * (noise_m * noise_m),
+        squares,
+    })
 }
 
 /// Where the way to the centre begins.
@@ -130,15 +171,22 @@ mod tests {
         (0..points).map(point).collect()
     }
 
-    /// Centres that are found of many such ropes, m.
+    /// Centres that are found of many such sections, m, twenty at a time.
     fn found(of: (usize, f64), (rays, along_rays): (&[Vector2<f64>], bool)) -> Vec<Vector2<f64>> {
         let mut random = stream(1, 0);
         let known = if along_rays { rays } else { &[] };
-        let one = |_| {
-            let points = seen(&mut random, of, (rays, along_rays));
-            circle_centre(&points, RADIUS_M, of.1, known).unwrap().0
+        let mut section = || {
+            Some(Seen {
+                points_m: seen(&mut random, of, (rays, along_rays)),
+                rays: known.to_vec(),
+            })
         };
-        (0..2000).map(one).collect()
+        let rope = |_| {
+            let sections: Vec<_> = (0..20).map(|_| section()).collect();
+            circle_centres(&sections, RADIUS_M, of.1)
+        };
+        let centres = (0..100).flat_map(rope);
+        centres.map(|found| found.unwrap().0).collect()
     }
 
     fn ray(angle: f64) -> Vector2<f64> {
@@ -166,5 +214,17 @@ mod tests {
             let before = found.iter().filter(|centre| centre.norm() > RADIUS_M).count();
             assert!(before <= found.len() / 200, "{before} of {}", found.len());
         }
+    }
+
+    /// Who declares more noise than there is does not move the rope.
+    #[test]
+    fn noise_that_is_not_seen_pulls_nothing() {
+        let points_m = seen(&mut stream(1, 0), (40, 0.0), (&[ray(0.4)], true));
+        let section = Seen {
+            points_m,
+            rays: vec![ray(0.4)],
+        };
+        let found = circle_centres(&[Some(section)], RADIUS_M, 2e-3);
+        assert!(found[0].unwrap().0.norm() < 1e-5, "{found:?}");
     }
 }

@@ -69,6 +69,9 @@ fn dropped(rounds: &[Round]) -> Vec<(String, String)> {
             titles(&round.accepted)
         );
         gone.extend(round.dropped.iter().map(|id| (id, why.clone())));
+        let in_the_end =
+            "dropped in the end: its standard error lets it be nothing, and the others explain the rest";
+        gone.extend(round.nothing.iter().map(|id| (id, in_the_end.to_owned())));
     }
     gone.into_iter().map(|(id, why)| (id.clone(), why)).collect()
 }
@@ -132,6 +135,12 @@ fn ranking(round: &Round) -> Markup {
             p {
                 b { (effect_title(id)) } " is dropped: beside what this round found, the model is no worse without it "
                 "than chance lets it be."
+            }
+        }
+        @for id in &round.nothing {
+            p {
+                b { (effect_title(id)) } " is dropped in the end: two standard errors, which hold the simulation’s own "
+                "error, let it be nothing, and what remains explains the rope without it."
             }
         }
         p.quiet {

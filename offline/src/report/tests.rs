@@ -146,6 +146,7 @@ fn round() -> Round {
         }],
         accepted: Vec::new(),
         dropped: Vec::new(),
+        nothing: Vec::new(),
         instead_of: Vec::new(),
     }
 }
@@ -376,6 +377,13 @@ fn an_effect_that_another_replaced_is_said_to_be_dropped() {
     assert_eq!(why(&[&first, &second]), dropped);
     assert_eq!(why(&[&first, &second, &third]), dropped, "scored again");
     assert!(why(&[&first, &second, &back]).is_empty(), "accepted again");
+    let in_the_end = Round {
+        nothing: vec!["yield".into()],
+        ..first.clone()
+    };
+    assert!(why(&[&in_the_end])[0].starts_with("dropped in the end"));
+    let page = ranking::section(&[in_the_end]).into_string();
+    assert!(page.contains("is dropped in the end: two standard errors"));
     let page = ranking::section(&[first, second]).into_string();
     assert!(page.contains("is dropped: beside what this round found"));
 }
