@@ -24,7 +24,7 @@ fn every_start_leads_to_the_same_minimum() {
     for rope in 0..ROPES {
         let truth = draw(STARTS, SEED, rope);
         let recorded = record(truth, Source::Sampled, &fitter).unwrap();
-        let demo = demo_of(&scene, recorded.particles_m, 0.0);
+        let demo = demo_of(&scene, recorded.particles_m, 0.0, Vec::new());
         let begin = Instant::now();
         let five = fit_clouds(&demo, &scene, Section::Filled, SEED, 5).unwrap();
         println!(

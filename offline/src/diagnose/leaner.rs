@@ -26,7 +26,7 @@ pub(super) struct Judged {
 
 impl Judged {
     /// Parameters, with what the simulation's own error may have moved in their standard errors.
-    pub(super) fn estimates(&self) -> Vec<Estimate> {
+    fn estimates(&self) -> Vec<Estimate> {
         let Standing {
             fitted, structure, ..
         } = &self.model;
