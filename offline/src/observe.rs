@@ -5,7 +5,7 @@
 //! inference. Instead every point is projected on the predicted centreline; the points of a station
 //! lie on the rope's surface, a circle of the known radius R in the plane across the rope, and the
 //! offset δ of that circle's centre is found from |q − δ| = R. Seeing only the front of the rope
-//! hence shifts nothing ([`circle`]), and no camera has to be known; of one that is, the noise is known to lie along its
+//! hence shifts nothing (`circle.rs`), and no camera has to be known; of one that is, the noise is known to lie along its
 //! rays. Labelled markers give three offsets directly.
 
 mod circle;
