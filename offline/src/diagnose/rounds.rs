@@ -340,31 +340,15 @@ pub fn resume_loop(
     let ended = all_rounds(&bench, start, &before, options, &keep, progress)?;
     let (mut rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
     progress("estimating what the grid itself may have moved");
-    let judge = |model: Standing| -> Result<Judged, FitError> {
-        let (structure, fitted) = (&model.structure, &model.fitted);
-        let held_out_after = bench.held_out.residuals(structure, &fitted.best.theta)?;
-        let grid_shift = grid_shift(&bench.fit, structure, &fitted.best)?;
-        let (verdict, reasons) = conclude(&Facts {
-            structure,
-            base: &before,
-            fitted,
-            held_out: bench.where_held_out([&held_out_before, &held_out_after], (structure, fitted)),
-            estimates: &estimates_within(&fitted.best, structure, &grid_shift),
-            rounds: &rounds,
-            rivals: &model.rivals,
-            demos: [demos.len(), held_out.len()],
-            pure_error: noise.is_some(),
-            doubt: bench.doubt(&fitted.best),
-            stopped,
-        });
-        Ok(Judged {
-            model,
-            held_out: held_out_after,
-            grid_shift,
-            verdict,
-            reasons,
-        })
+    let course = Course {
+        before: &before,
+        held_out_before: &held_out_before,
+        rounds: &rounds,
+        demos: [demos.len(), held_out.len()],
+        pure_error: noise.is_some(),
+        stopped,
     };
+    let judge = |model: Standing| course.judge(&bench, model);
     let (judged, nothing) = leaner(&bench, judge(ended.model)?, &judge, progress);
     if let Some(last) = rounds.last_mut() {
         last.nothing = nothing;
@@ -383,6 +367,44 @@ pub fn resume_loop(
         library,
         grid_shift: judged.grid_shift,
     })
+}
+
+/// How a loop went, by which its model is judged.
+struct Course<'a> {
+    before: &'a ResidualSummary,
+    held_out_before: &'a Evaluation,
+    rounds: &'a [Round],
+    demos: [usize; 2],
+    pure_error: bool,
+    stopped: bool,
+}
+
+impl Course<'_> {
+    fn judge(&self, bench: &Bench, model: Standing) -> Result<Judged, FitError> {
+        let (structure, fitted) = (&model.structure, &model.fitted);
+        let held_out = bench.held_out.residuals(structure, &fitted.best.theta)?;
+        let grid_shift = grid_shift(&bench.fit, structure, &fitted.best)?;
+        let (verdict, reasons) = conclude(&Facts {
+            structure,
+            base: self.before,
+            fitted,
+            held_out: bench.where_held_out([self.held_out_before, &held_out], (structure, fitted)),
+            estimates: &estimates_within(&fitted.best, structure, &grid_shift),
+            rounds: self.rounds,
+            rivals: &model.rivals,
+            demos: self.demos,
+            pure_error: self.pure_error,
+            doubt: bench.doubt(&fitted.best),
+            stopped: self.stopped,
+        });
+        Ok(Judged {
+            model,
+            held_out,
+            grid_shift,
+            verdict,
+            reasons,
+        })
+    }
 }
 
 /// How many effects of a model are the rope's or the rig's: where the cameras stand is no theory of either.
