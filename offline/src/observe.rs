@@ -498,7 +498,7 @@ mod tests {
             radius_m: 0.007,
             cameras_m: Vec::new(),
         };
-        let rows = measure_cloud(&cloud, 0, &line, &shape, 1e-4);
+        let rows = measure_cloud(&cloud, 0, &line, &shape, 0.001);
         assert_eq!(rows.len(), 2 * STATIONS);
         for row in rows {
             let expected = row.direction[1] * 0.004 + row.direction[2] * 0.003;

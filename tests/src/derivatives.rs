@@ -224,7 +224,8 @@ fn contracted<F: Precision, const N: usize>(
     Contracted { value, gross }
 }
 
-/// Tangents that one rollout carries: one number for all tests, because for each the simulator is compiled anew.
+/// Tangents that one rollout carries: one number for nearly all tests, because for each the simulator is
+/// compiled anew.
 pub const LANES: usize = 10;
 
 /// Rollouts with the tangents of every entry of θ, ten at a time.

@@ -11,7 +11,7 @@ use super::rounds::Bench;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, estimates_within};
-use crate::model::Estimate;
+use crate::model::{Estimate, Structure};
 
 /// A model and what is concluded of it.
 pub(super) struct Judged {
@@ -69,10 +69,10 @@ pub(super) fn leaner(
         let alone = nothing.iter().map(|&effect| vec![effect]);
         let all = (nothing.len() > 1).then(|| nothing.clone());
         let found = all.into_iter().chain(alone).find_map(|gone| {
-            let ids: Vec<String> = gone
-                .iter()
-                .map(|&effect| effects::ALL[effect].id.to_owned())
-                .collect();
+            let ids = Structure {
+                effects: gone.clone(),
+            }
+            .ids();
             progress(&format!(
                 "asking whether {} explains anything",
                 effects::together(&ids)

@@ -47,7 +47,8 @@ impl Noise {
 
     /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few. Not from those
     /// that are held out: how well a rope is seen hangs on where it rests, and with the sample rope's held-out recordings
-    /// its noise came out as 0.91 of the declared, without them as 1.19.
+    /// its noise came out as 0.91 of the declared, without them as 1.19 (when some circles were still found on the wrong side
+    /// of their points).
     ///
     /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
     /// not matter. Correlation and size maximise the restricted likelihood (Patterson

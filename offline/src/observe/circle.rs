@@ -80,9 +80,10 @@ fn circle(seen: &Seen, radius_m: f64, (noise_m, variance_m2): (f64, f64)) -> Opt
             let miss = distance - radius_m;
             let weight = (3.0 * noise_m / miss.abs()).min(1.0);
             information += weight * u * u.transpose();
-            right += weight * (miss * u - pull(u, rays) * (variance_m2 / radius_m));
+            let noise = covariance(u, rays);
+            right += weight * (miss * u - pull(u, &noise) * (variance_m2 / radius_m));
             squares[0] += weight * miss * miss;
-            squares[1] += weight * u.dot(&(covariance(u, rays) * u));
+            squares[1] += weight * u.dot(&(noise * u));
         }
         // A hundredth of a point's worth of information keeps narrow views solvable.
         information += Matrix2::identity() * 0.01;
@@ -110,21 +111,21 @@ fn start(points_m: &[Vector2<f64>], radius_m: f64, rays: &[Vector2<f64>]) -> Vec
     centroid
 }
 
-/// E\[m u\] at a point in direction `u`, in the noise's variance over the radius.
-fn pull(u: Vector2<f64>, rays: &[Vector2<f64>]) -> Vector2<f64> {
+/// E\[m u\] at a point in direction `u` whose noise has some covariance, in the unit of that over the radius.
+fn pull(u: Vector2<f64>, noise: &Matrix2<f64>) -> Vector2<f64> {
     let t = Vector2::new(-u.y, u.x);
-    let noise = covariance(u, rays) * t;
-    t * u.dot(&noise) + 0.5 * t.dot(&noise) * u
+    let across = noise * t;
+    t * u.dot(&across) + 0.5 * t.dot(&across) * u
 }
 
 /// Covariance of the noise of a point that lies in direction `u`, over its variance. Which camera saw it is not known: each
 /// did as often as the surface there faces it.
 fn covariance(u: Vector2<f64>, rays: &[Vector2<f64>]) -> Matrix2<f64> {
-    let facing = |ray: &Vector2<f64>| (-ray.dot(&u)).max(0.0);
-    let all: f64 = rays.iter().map(facing).sum();
     if rays.is_empty() {
         return Matrix2::identity();
     }
+    let facing = |ray: &Vector2<f64>| (-ray.dot(&u)).max(0.0);
+    let all: f64 = rays.iter().map(facing).sum();
     // What none faces was moved there by its noise.
     let share = |ray: &Vector2<f64>| {
         if all > 0.0 {

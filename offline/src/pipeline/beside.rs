@@ -1,9 +1,9 @@
 //! Other identified ropes that a blob holds beside the run's own: one policy answers for each by its stiffness.
 
 use super::BesideSummary;
-use super::learn::{REACH_GOALS, swing_of};
+use super::learn::{reach, swing_of};
 use crate::collect::Watch;
-use crate::evaluate::{MissSummary, along, confirmed_reach, evaluate};
+use crate::evaluate::MissSummary;
 use crate::model_file::ModelFile;
 use crate::reach::ReachTable;
 use crate::swing::swingable;
@@ -79,12 +79,10 @@ fn swing_beside(
     model: ModelFile,
     watch: Watch,
 ) -> anyhow::Result<Beside> {
-    let (young_pa, poisson) = told(&model, policy.ranges())?;
-    let reachable_m = predicted.reachable_m(young_pa, poisson);
-    let goals = along(&reachable_m, young_pa, poisson, REACH_GOALS);
-    let swings = evaluate(policy, &swing_of(&model)?, &goals, watch)?;
+    let told = told(&model, policy.ranges())?;
+    let (reach_m, swings) = reach((policy, predicted), &swing_of(&model)?, told, watch)?;
     Ok(Beside {
-        reach_m: confirmed_reach(&swings)?,
+        reach_m,
         miss: swings.miss.context("no swing of this rope has a score")?,
         model,
     })
@@ -108,6 +106,7 @@ fn told(model: &ModelFile, ranges: &TrainingRanges) -> anyhow::Result<(f64, f64)
 
 #[cfg(test)]
 mod tests {
+    use super::super::learn::REACH_GOALS;
     use super::*;
     use crate::collect::stand_in::unwatched;
     use crate::freeze::tests::blob;

@@ -8,6 +8,7 @@ use crate::evaluate::{Evaluation, along, confirmed_reach, evaluate, unseen};
 use crate::freeze::{Frozen, bounded, freeze, short};
 use crate::model::Estimate;
 use crate::model_file::ModelFile;
+use crate::reach::ReachTable;
 use crate::run_files::{RunFolder, write_whole};
 use crate::sim::rope::RopeShape;
 use crate::swing::{SimulatedSwing, swingable};
@@ -15,7 +16,7 @@ use crate::train::{Schedule, TrainSettings, train};
 use crate::trained::Trained;
 use anyhow::Context;
 use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry, TaskFrame};
-use shared::policy::TrainingRanges;
+use shared::policy::{Policy, TrainingRanges};
 use shared::profile::MotionLimits;
 use shared::task::{Interval, SwingTask};
 
@@ -147,16 +148,35 @@ pub fn learn(
     let practice = unseen(&trained.reach, ropes, goals, settings.seed);
     let evaluation = evaluate(&trained.policy, &swing, &practice, watch)?;
     write_whole(&run.evaluation(), &serde_json::to_vec_pretty(&evaluation)?)?;
-    let (young_pa, poisson) = rope_inputs(model, &design);
-    let predicted = trained.reach.reachable_m(young_pa, poisson);
-    let own = along(&predicted, young_pa, poisson, REACH_GOALS);
-    let reach_m = confirmed_reach(&evaluate(&trained.policy, &swing, &own, watch)?)?;
+    let (reach_m, _) = reach(
+        (&trained.policy, &trained.reach),
+        &swing,
+        rope_inputs(model, &design),
+        watch,
+    )?;
     Ok(Learned {
         trained,
         evaluation,
         swing,
         reach_m,
     })
+}
+
+/// Goals that a rope of some Young's modulus, Pa, and Poisson's ratio reaches by a policy, m, and the swings that confirm
+/// it, towards goals that are predicted to be reached.
+///
+/// # Errors
+/// It comes to no goal; stopped on request.
+pub(super) fn reach(
+    (policy, predicted): (&Policy, &ReachTable),
+    swing: &SimulatedSwing,
+    (young_pa, poisson): (f64, f64),
+    watch: Watch,
+) -> anyhow::Result<(Interval, Evaluation)> {
+    let reachable_m = predicted.reachable_m(young_pa, poisson);
+    let goals = along(&reachable_m, young_pa, poisson, REACH_GOALS);
+    let swings = evaluate(policy, swing, &goals, watch)?;
+    Ok((confirmed_reach(&swings)?, swings))
 }
 
 /// Freezes the policy with the identified rope, and others beside it, into `policy.blob`, for an arm that stands at `frame`.
