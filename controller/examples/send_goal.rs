@@ -36,6 +36,9 @@ struct Args {
     json: bool,
 }
 
+/// How long a verdict and every status may be in coming.
+const PATIENCE: Duration = Duration::from_secs(1);
+
 /// What became of a goal.
 #[derive(serde::Serialize)]
 struct Outcome {
@@ -57,9 +60,11 @@ fn run(args: &Args) -> Result<()> {
     let mut state = None;
     // The goal is wanted whether or not somebody reads about it, so this is looked at last.
     let mut told = Ok(());
+    let sent = Instant::now();
+    let mut taken = false;
     // A live controller sends a status every 100 ms.
-    let mut heard = Instant::now();
-    while heard.elapsed() < Duration::from_secs(1) {
+    let mut heard = sent;
+    while heard.elapsed() < PATIENCE {
         if args.keep_alive_ms > 0 {
             client.keep_alive(id)?;
         }
@@ -80,6 +85,12 @@ fn run(args: &Args) -> Result<()> {
                 bail!(line);
             }
             return Ok(told?);
+        }
+        taken |= status.active_goal_id == id;
+        if !taken && sent.elapsed() > PATIENCE {
+            bail!(
+                "no verdict on goal {id} within a second, so it is not served: others send goals too; send it anew"
+            );
         }
         if !args.json && status.active_goal_id == id && state != Some(status.state) {
             state = Some(status.state);

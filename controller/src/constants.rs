@@ -38,6 +38,9 @@ pub const HOMING_SHARE: [f64; 3] = [0.4, 0.25, 0.2];
 /// Flange speed that joint motions are planned with, m/s.
 pub const HOMING_FLANGE_SPEED_M_S: f64 = 0.4;
 
+/// How far a joint motion may bring the flange below where it starts or touches the table, m.
+pub const HOMING_DIP_M: f64 = 0.005;
+
 /// Share of the limits that a straight line of the task may use; the rest is for stopping.
 pub const LINE_SHARE: f64 = 0.5;
 

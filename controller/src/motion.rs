@@ -48,6 +48,12 @@ impl JointMove {
         self.duration_s
     }
 
+    /// Lowest height of the flange on the way, m.
+    pub fn lowest_flange_m(&self) -> f64 {
+        let heights = along::<33>(&self.from_rad, &self.to_rad).map(|q| arm::flange(&q).position_m[2]);
+        heights.fold(f64::INFINITY, f64::min)
+    }
+
     /// Joint angles at time `t_s` after the start, rad.
     pub fn joints_rad(&self, t_s: f64) -> Joints {
         let u = if self.duration_s > 0.0 {
@@ -60,14 +66,19 @@ impl JointMove {
     }
 }
 
+/// Joint angles at so many points of the straight joint path, from one end to the other.
+fn along<const SAMPLES: usize>(from: &Joints, to: &Joints) -> impl Iterator<Item = Joints> {
+    (0..SAMPLES).map(move |k| {
+        let share = k as f64 / (SAMPLES - 1) as f64;
+        std::array::from_fn(|i| from[i] + share * (to[i] - from[i]))
+    })
+}
+
 /// Largest flange travel per share of the straight joint path, m: its speed at one path length a second.
 fn steepest_flange_m(from: &Joints, to: &Joints) -> f64 {
-    // The speed varies slowly along the path, and what is planned lies far below what the guard allows.
-    const SAMPLES: usize = 9;
     let mut steepest = 0.0f64;
-    for k in 0..SAMPLES {
-        let share = k as f64 / (SAMPLES - 1) as f64;
-        let q = std::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
+    // The speed varies slowly along the path, and what is planned lies far below what the guard allows.
+    for q in along::<9>(from, to) {
         let (_, jacobian) = arm::flange_and_jacobian(&q);
         let mut travel = nalgebra::Vector3::zeros();
         for i in 0..JOINTS {

@@ -1,7 +1,7 @@
 //! From a goal to the whole motion: policy, release point, inverse kinematics and the sequence of legs.
 //! Everything that can be refused is refused here, before the arm moves.
 
-use crate::constants::GRIPPER_S;
+use crate::constants::{GRIPPER_S, HOMING_DIP_M};
 use crate::motion::{self, JointMove, LineError};
 use crate::survey::Survey;
 use shared::arm::{self, Joints};
@@ -150,7 +150,7 @@ pub fn plan(
     let retreat = line(release_m, after_m)?;
     let start = arm::task_pose(&blob.frame, before_tip_m);
     let start_rad = ik::solve(&start).map_err(|error| refusal(LineError::Pose(error)))?;
-    let homing = JointMove::new(from.q_rad, start_rad);
+    let homing = homing(&blob.frame, from.q_rad, start_rad)?;
 
     let targets = |duration_s: f64| (duration_s / pace.period_s).ceil() as u32;
     let hold = |phase, gripper, targets| Leg {
@@ -195,6 +195,17 @@ pub fn plan(
     })
 }
 
+/// The joint motion to the first pose, which may not lead below the table; an arm that stands lower may not go lower still.
+fn homing(frame: &TaskFrame, from_rad: Joints, to_rad: Joints) -> Result<JointMove, Reason> {
+    let homing = JointMove::new(from_rad, to_rad);
+    let table_m = frame.flange_m([0.0, 0.0])[2];
+    let lowest_m = table_m.min(arm::flange(&from_rad).position_m[2]) - HOMING_DIP_M;
+    if homing.lowest_flange_m() < lowest_m {
+        return Err(Reason::HomingTooLow);
+    }
+    Ok(homing)
+}
+
 fn refusal(error: LineError) -> Reason {
     match error {
         LineError::Pose(_) => Reason::Unreachable,
@@ -224,6 +235,30 @@ mod tests {
             let planned = plan(&blob, None, &goal, &start, &pace);
             assert!(planned.is_ok(), "{goal:?}: {planned:?}");
         }
+    }
+
+    /// From here the straight joint path led the flange 67 mm below the table.
+    #[test]
+    fn no_joint_motion_leads_through_the_table() {
+        let mut blob = sample::blob();
+        blob.frame.origin_m = [0.35, 0.0, 0.12];
+        let pace = Pace {
+            period_s: 0.004,
+            gripper_lead_s: 0.0,
+        };
+        let asked = |q_rad| {
+            let gripper = Gripper::Open;
+            plan(
+                &blob,
+                None,
+                &likely_goal(&blob, 0),
+                &Start { q_rad, gripper },
+                &pace,
+            )
+        };
+        let aside = [-0.898, 1.306, -0.378, 2.062, -2.36, 2.246, 0.0];
+        assert_eq!(asked(aside), Err(Reason::HomingTooLow));
+        assert!(asked(LEVEL_POSTURE_RAD).is_ok());
     }
 
     /// After 0.8 s, whatever its latency, the arm moved off with the rope still held.

@@ -476,26 +476,30 @@ impl Controller {
         if self.stream_begun {
             self.next_leg();
         }
+        let mut next = None;
         if matches!(self.mode, Mode::Running { .. }) {
             match self.joints_of_leg() {
-                Ok(next) => {
-                    if let Some(target) = self.send(&next, now_ns) {
-                        return Some(target);
-                    }
-                    self.stop(After::Latch(Reason::GuardTripped));
-                }
+                Ok(joints) => next = self.send_or_stop(&joints, now_ns),
                 Err(reason) => self.stop(After::Latch(reason)),
             }
         }
-        if let Mode::Idle = self.mode {
-            let hold = self.guard.as_ref()?.last_rad();
-            let target = self.send(&hold, now_ns);
-            if target.is_some() {
-                return target;
-            }
+        // What follows a complete stop begins in the same cycle: no period goes without a target.
+        next.or_else(|| self.hold(now_ns))
+            .or_else(|| self.slow_down(now_ns))
+            .or_else(|| self.hold(now_ns))
+    }
+
+    fn hold(&mut self, now_ns: u64) -> Option<JointTarget> {
+        let held = matches!(self.mode, Mode::Idle).then(|| self.guard.as_ref().map(Guard::last_rad));
+        self.send_or_stop(&held.flatten()?, now_ns)
+    }
+
+    fn send_or_stop(&mut self, next_rad: &Joints, now_ns: u64) -> Option<JointTarget> {
+        let target = self.send(next_rad, now_ns);
+        if target.is_none() {
             self.stop(After::Latch(Reason::GuardTripped));
         }
-        self.slow_down(now_ns)
+        target
     }
 
     /// Moves on to the next target of the motion; after the last one the goal is done.
@@ -521,12 +525,10 @@ impl Controller {
     }
 
     fn joints_of_leg(&self) -> Result<Joints, Reason> {
-        let (
-            Mode::Running {
-                plan, leg, target, ..
-            },
-            Some(guard),
-        ) = (&self.mode, &self.guard)
+        let guard = self.guard.as_ref().ok_or(Reason::NotReady)?;
+        let Mode::Running {
+            plan, leg, target, ..
+        } = &self.mode
         else {
             return Err(Reason::NotReady);
         };
@@ -547,7 +549,10 @@ impl Controller {
         if let Some(next) = self.guard.as_ref().and_then(|guard| guard.next_of(brake)) {
             let target = self.send(&next, now_ns);
             if target.is_none() {
-                self.latch_guard();
+                if self.status.latch_reason == Reason::Accepted.code() {
+                    self.status.latch_reason = Reason::GuardTripped.code();
+                }
+                self.mode = Mode::Fault;
             }
             return target;
         }
@@ -557,13 +562,6 @@ impl Controller {
             After::End => Mode::Ended,
         };
         None
-    }
-
-    fn latch_guard(&mut self) {
-        if self.status.latch_reason == Reason::Accepted.code() {
-            self.status.latch_reason = Reason::GuardTripped.code();
-        }
-        self.mode = Mode::Fault;
     }
 
     fn send(&mut self, next_rad: &Joints, now_ns: u64) -> Option<JointTarget> {

@@ -344,6 +344,10 @@ fn a_cancelled_goal_ends_idle_and_the_next_one_opens_first() {
     );
     world.run_to(Phase::Retreat);
     limits_hold(&world.targets).unwrap();
+    let stamps = world.targets.windows(2);
+    let mut gaps_ns: Vec<u64> = stamps.map(|pair| pair[1].stamp_ns - pair[0].stamp_ns).collect();
+    gaps_ns.dedup();
+    assert_eq!(gaps_ns.len(), 1, "one target each period: {gaps_ns:?}");
 }
 
 #[test]

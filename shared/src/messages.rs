@@ -274,6 +274,7 @@ coded! {
         Busy = 20, "another goal is being served";
         NotReady = 21, "no pose of the arm yet that is measured, at rest and within the joint ranges";
         Latched = 22, "a fault is latched: reset first";
+        HomingTooLow = 23, "on the way to the rope the flange would come below the height at which it touches the table";
         EmergencyStop = 40, "emergency stop";
         RobotSilent = 41, "the arm's state stopped coming";
         FollowingError = 42, "the arm is not where it was told to be";
@@ -311,6 +312,7 @@ impl Reason {
             Self::Busy => "wait for `finished_goal_id`, or cancel",
             Self::NotReady => "start the arm's driver; let the arm rest",
             Self::Latched => "look at the arm, then send a reset",
+            Self::HomingTooLow => "move the arm by hand to a pose from which it may go straight to the rope",
             Self::EmergencyStop => "look at the arm, then send a reset",
             Self::RobotSilent => "see to the arm's driver, then reset",
             Self::FollowingError => "see what holds the arm, then reset",

@@ -194,6 +194,7 @@ class Reason(enum.IntEnum):
     BUSY = 20
     NOT_READY = 21
     LATCHED = 22
+    HOMING_TOO_LOW = 23
     EMERGENCY_STOP = 40
     ROBOT_SILENT = 41
     FOLLOWING_ERROR = 42
