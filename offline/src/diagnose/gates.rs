@@ -192,7 +192,7 @@ fn significant(candidate: &Subset, before: &ResidualSummary, after: &ResidualSum
         SIGNIFICANT,
         candidate.significant() || in_full > candidate.threshold,
         format!(
-            "score {:.0}, refit {in_full:.0}, pseudo-data without effect reach {:.0}",
+            "score {:.0} or that of the refit, {in_full:.0}: pseudo-data without effect reach {:.0}",
             candidate.statistic, candidate.threshold
         ),
     )
@@ -242,8 +242,9 @@ fn off_nothing(free: usize, left: [&ResidualSummary; 2], held: [&ResidualSummary
         "off nothing",
         statistic > by_chance || foresees(held[0], held[1]),
         format!(
-            "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; {} of the \
-             excess over the noise where held out",
+            "likelihood ratio {statistic:.1} against a model without it, chance reaches {by_chance:.0}; or {:.0} % of the \
+             excess over the noise where held out, it removes {}",
+            100.0 * MOST,
             share_in_words(excess_removed(held[0], held[1], 0.0))
         ),
     )

@@ -1,5 +1,5 @@
-//! What the loop has come to before a further round, so that a diagnosis that was killed goes on from there and finds
-//! the same.
+//! What the loop has come to after its first fit or a round, so that a diagnosis that was killed goes on from there and
+//! finds the same.
 
 use super::choice::Standing;
 use super::round::Round;
@@ -8,7 +8,7 @@ use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
 use crate::model::Structure;
 use serde::{Deserialize, Serialize};
 
-/// The loop before a further round.
+/// The loop after its first fit or a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
     pub(super) base: KeptFit,

@@ -21,7 +21,7 @@ const MOST_ALIKE: f64 = 0.95;
 /// Least share of the declared noise that frames at rest can prove: what lies still is seen the same way time and
 /// again, so rounding, blur and the offset of a pixel's middle do not show there, and a simulated rope has no noise
 /// at all.
-const LEAST_SCALE: f64 = 0.1;
+pub const LEAST_NOISE_SCALE: f64 = 0.1;
 
 /// Size and correlation of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,10 +78,10 @@ impl Noise {
             })
             .max_by(|a, b| a.2.total_cmp(&b.2))?;
         let free: f64 = series.iter().map(|s| s.places.len() as f64 - 1.0).sum();
-        if variance.sqrt() < LEAST_SCALE {
+        if variance.sqrt() < LEAST_NOISE_SCALE {
             // What is left there is rounding or creep: how it hangs together says nothing of the noise.
             return Some(Self {
-                scale: LEAST_SCALE,
+                scale: LEAST_NOISE_SCALE,
                 values: free,
                 ..Self::DECLARED
             });

@@ -305,7 +305,7 @@ pub fn close_loop(
 }
 
 /// The same, from what an earlier loop over the same data with the same options had come to; `keep` is given that
-/// before every further round.
+/// after the base model's fit and after every round.
 ///
 /// # Errors
 /// The base model cannot be fitted.

@@ -123,11 +123,12 @@ fn one_way(
     keep: &dyn Fn(&SoFar),
     progress: &dyn Fn(&str),
 ) -> Result<Ended, FitError> {
-    let (mut library, mut done, mut stopped) = (None, false, false);
+    // So it is where a loop goes on that was killed after its last round.
+    let found_nothing = |round: &Round| round.accepted.is_empty();
+    let mut done = at.rounds.last().is_some_and(found_nothing);
+    let (mut library, mut stopped) = (None, false);
+    keep(&at);
     while !done && at.goes_on(bench, options) {
-        if !at.rounds.is_empty() {
-            keep(&at);
-        }
         let mut turn = match one_round(bench, &at.now, options, progress) {
             Err(error) if !at.rounds.is_empty() => {
                 progress(&format!("no further round: {error}"));
@@ -153,6 +154,7 @@ fn one_way(
             at.other = turn.second;
         }
         at.rounds.push(turn.round);
+        keep(&at);
         library = Some(turn.library);
     }
     Ok(Ended {

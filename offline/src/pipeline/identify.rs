@@ -129,7 +129,7 @@ fn diagnosed(
     let earlier = earlier.and_then(|bytes| postcard::from_bytes::<(u64, Memory)>(&bytes).ok());
     let earlier = earlier.filter(|(of, _)| *of == key).map(|(_, memory)| memory);
     if earlier.is_some() {
-        progress("going on from the last round of a diagnosis that was not finished");
+        progress("going on from what an unfinished diagnosis had come to");
     }
     let keep = |memory: &Memory| {
         let bytes = postcard::to_stdvec(&(key, memory)).expect("plain numbers and text");

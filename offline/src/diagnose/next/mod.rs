@@ -373,8 +373,8 @@ impl<'a> Desk<'a> {
         };
         if open_mm < SMALL_MM {
             return NextDemonstration::nothing(format!(
-                "no effect's interval is worth more than ± {SMALL_MM} mm of the reach; where more is possible, the \
-                 estimate itself lies off nothing, which more data of the same kind would not change"
+                "no effect's interval spans more than ± {SMALL_MM} mm of the reach; where an effect could move it by \
+                 more, its estimate lies as far from no effect, and more data of the same kind would not change that"
             ));
         }
         let allowed = &risk.allowed;
