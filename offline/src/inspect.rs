@@ -1,7 +1,7 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
 use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
-use crate::words::{significant, with_error};
+use crate::words::with_error;
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -212,11 +212,13 @@ impl fmt::Display for RopeReport {
         writeln!(f)?;
         let young = with_error(1e-6 * rope.young_pa, 1e-6 * rope.young_se_pa);
         writeln!(f, "  E        {young} MPa")?;
-        if rope.poisson_identified {
-            writeln!(f, "  ν        {}", with_error(rope.poisson, rope.poisson_se))?;
+        let poisson = with_error(rope.poisson, rope.poisson_se);
+        let identified = if rope.poisson_identified {
+            ""
         } else {
-            writeln!(f, "  ν        {} (not identified)", significant(rope.poisson))?;
-        }
+            " (not identified)"
+        };
+        writeln!(f, "  ν        {poisson}{identified}")?;
         for effect in &rope.effects {
             let size = with_error(effect.value, effect.se);
             writeln!(f, "  effect   {}: {} = {size}", effect.name, effect.parameter)?;
@@ -226,7 +228,7 @@ impl fmt::Display for RopeReport {
             let [x, z] = answer.release_m;
             writeln!(
                 f,
-                "  goal {:.3} m → release at ({x:.4}, {z:.4}) m",
+                "  goal {:.4} m → release at ({x:.4}, {z:.4}) m",
                 answer.goal_x_m
             )?;
         }
@@ -234,8 +236,13 @@ impl fmt::Display for RopeReport {
     }
 }
 
+/// In whole millimetres, none of which lies outside.
 fn metres(range: &Interval) -> String {
-    format!("{:.3} to {:.3} m", range.low, range.high)
+    // 0.28 m is a little more than 280 mm.
+    const ROUNDING: f64 = 1e-6;
+    let low_mm = (1e3 * range.low - ROUNDING).ceil();
+    let high_mm = (1e3 * range.high + ROUNDING).floor();
+    format!("{:.3} to {:.3} m", 1e-3 * low_mm, 1e-3 * high_mm)
 }
 
 #[cfg(test)]

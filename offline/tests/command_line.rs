@@ -154,9 +154,9 @@ fn a_file_in_the_place_of_a_demonstration_is_kept() {
     }
 }
 
-/// A simulation took the place of the measurement it had been asked to repeat.
+/// A simulation took the place of the measurement it had been asked to repeat; a part of one, that of another.
 #[test]
-fn the_demonstration_that_is_read_is_never_replaced() {
+fn no_demonstration_is_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let measured = folder.path().join("measured");
     write_first_second(measured.to_str().unwrap());
@@ -166,15 +166,16 @@ fn the_demonstration_that_is_read_is_never_replaced() {
         measured.to_str().unwrap(),
         format!("{}/../measured", measured.display()),
     );
-    let commands: [&[&str]; 2] = [
+    let commands: [&[&str]; 3] = [
         &["demo", "cut", read, "--to", "0.5", "--out", &out],
+        &["demo", "cut", FIT, "--to", "0.5", "--out", &out],
         &["simulate", "--young-pa", "1e6", "--demo", read, "--out", &out],
     ];
     for arguments in commands {
         let (code, said) = refusal(arguments);
         assert_eq!(code, Some(1), "{arguments:?}: {said}");
         assert!(
-            said.contains("is read") && said.contains("choose another folder"),
+            said.contains("would be replaced") && said.contains("choose another folder"),
             "{said}"
         );
         assert_eq!(clouds(), before);

@@ -22,12 +22,12 @@ fn a_rope_like_the_measured_one_lies_nearer_to_it_than_another() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("simulated");
     let out = out.to_str().unwrap();
-    let rms_mm = |young_pa: &str, effects: &[&str]| {
-        let result = json(&[&["--young-pa", young_pa], effects, &["--out", out]].concat());
+    let rms_mm = |young_pa: &str, others: &[&str]| {
+        let result = json(&[&["--young-pa", young_pa], others].concat());
         result["residual"]["rms_mm"].as_f64().unwrap()
     };
     // The sample rope is simulated by the twin: 0.9 MPa and 9 g at its tip.
-    let alike = rms_mm("0.9e6", &["--effect", "tip_mass=0.009"]);
+    let alike = rms_mm("0.9e6", &["--effect", "tip_mass=0.009", "--out", out]);
     let (bare, stiff) = (
         rms_mm("0.9e6", &[]),
         rms_mm("5e6", &["--effect", "tip_mass=0.009"]),

@@ -1,8 +1,8 @@
 //! `offline demo …` and `offline inspect`.
 
-use super::WrongUse;
 use super::numbers::finite;
 use super::output::print;
+use super::{WrongUse, note_error};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use offline::demo::{Demo, StartState, plot_svg, refuse_to_replace, summary, warnings};
@@ -12,18 +12,30 @@ use offline::run_files::{RunFolder, write_whole};
 use std::path::{Path, PathBuf};
 
 /// Checks folders and prints what is in them.
+///
+/// # Errors
+/// One cannot be read or simulated; the others have been printed all the same.
 pub fn check(folders: &[PathBuf], json: bool) -> anyhow::Result<()> {
-    for folder in folders {
-        let demo = Demo::load(folder)?;
-        if json {
-            print(serde_json::json!({
-                "folder": folder.display().to_string(), "scene": demo.spec.scene, "rope": demo.spec.rope,
-                "frames": demo.times_s().len(), "warnings": warnings(&demo),
-            }))?;
-        } else {
-            print(summary(&demo))?;
-        }
+    let failed = folders.iter().filter_map(|folder| check_one(folder, json).err());
+    let mut failed: Vec<anyhow::Error> = failed.collect();
+    let Some(last) = failed.pop() else {
+        return Ok(());
+    };
+    failed.iter().for_each(note_error);
+    Err(last)
+}
+
+fn check_one(folder: &Path, json: bool) -> anyhow::Result<()> {
+    let demo = Demo::load(folder)?;
+    if json {
+        print(serde_json::json!({
+            "folder": folder.display().to_string(), "scene": demo.spec.scene, "rope": demo.spec.rope,
+            "frames": demo.times_s().len(), "warnings": warnings(&demo),
+        }))?;
+    } else {
+        print(summary(&demo))?;
     }
+    demo.for_a_simulation(folder)?;
     Ok(())
 }
 
@@ -69,13 +81,14 @@ pub fn cut(arguments: &CutArguments, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
-    refuse_to_replace(&arguments.out, Some(&arguments.folder))?;
+    refuse_to_replace(&arguments.out)?;
     let part = Demo::load(&arguments.folder)?.cut(from_s, to_s, start)?;
     write(&part, &arguments.out, json)
 }
 
 /// Writes a demonstration and says what is in it.
 pub fn write(demo: &Demo, folder: &Path, json: bool) -> anyhow::Result<()> {
+    refuse_to_replace(folder)?;
     demo.save(folder)?;
     let found = warnings(demo);
     if json {

@@ -10,6 +10,7 @@ mod progress;
 mod reproduce;
 mod runs;
 mod simulate;
+mod told;
 mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -270,14 +271,16 @@ pub fn run(arguments: Arguments) -> ExitCode {
             ExitCode::from(WRONG_USE)
         }
         Err(error) => {
-            // One line: what went wrong, and the causes behind it.
-            note(format_args!(
-                "offline: {}",
-                format!("{error:#}").replace('\n', " ")
-            ));
+            note_error(&error);
             ExitCode::FAILURE
         }
     }
+}
+
+/// One line: what went wrong, and the causes behind it.
+fn note_error(error: &anyhow::Error) {
+    let line = format!("{error:#}").replace('\n', " ");
+    note(format_args!("offline: {line}"));
 }
 
 fn is_stop(error: &anyhow::Error) -> bool {

@@ -2,11 +2,12 @@
 
 use super::output::{command_line, note, print};
 use super::progress::Reporter;
+use super::told::{say_beside, say_estimates, say_identified, say_learned, say_rollouts};
 use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
-use offline::collect::{DatasetSummary, Progress, Watch};
-use offline::diagnose::Advice;
+use offline::collect::{Progress, Watch};
+use offline::diagnose::LEAST_NOISE_SCALE;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
@@ -19,9 +20,7 @@ use offline::pipeline::{
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
 use offline::run_files::{Fnv64, RunFolder, hex, write_whole};
-use offline::words::{with_error, with_unit};
 use shared::task::SwingTask;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -29,6 +28,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const SAMPLE: &str = "offline/demos/sample-rope";
 /// The sample rope's fitting demonstration, then the ones that judge.
 const SAMPLE_PARTS: [&str; 3] = ["fit", "held-out-1", "held-out-2"];
+
+/// Noise floors of what a model leaves from which on its standard errors say little.
+const TRUSTED_FLOORS: f64 = 2.0;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
@@ -115,11 +117,22 @@ impl Job<'_> {
         let estimates = base.estimates();
         say_estimates(&estimates, &self.reporter);
         let held_out = ResidualSummary::of(&base.held_out);
+        let of = if self.inputs.held_out.is_empty() {
+            "error in the frames that were kept back"
+        } else {
+            "held-out error"
+        };
         self.reporter.say(&format!(
-            "held-out error {:.2} mm ({:.1} noise floors)",
+            "{of} {:.2} mm ({:.1} noise floors)",
             held_out.rms_mm, held_out.floors
         ));
-        self.warn_of_misfits(&base.fitted);
+        if held_out.floors > TRUSTED_FLOORS {
+            self.reporter.say(
+                "warning: so much more than noise is left that what this model lacks may have moved its parameters by far more \
+                 than their standard errors; `offline diagnose` looks for it",
+            );
+        }
+        self.warn(&base.fitted, base.noise_scale);
         let of = Profiled {
             structure: &Structure::default(),
             fitted: &base.fitted,
@@ -181,8 +194,8 @@ impl Job<'_> {
         let (run, reporter) = (&self.run, &self.reporter);
         let identified = identify(&self.inputs, &self.settings, run, &|line| reporter.say(line))?;
         say_identified(&identified, reporter);
-        self.warn_of_misfits(&identified.outcome.fitted);
         let outcome = &identified.outcome;
+        self.warn(&outcome.fitted, outcome.noise_scale);
         let mut summary = self.summary(
             &outcome.verdict.to_string(),
             (outcome.structure.ids(), outcome.estimates()),
@@ -221,7 +234,8 @@ impl Job<'_> {
             }
         }
         self.write_tables((&identified, &summary.profiles), policy.as_ref())?;
-        if last == Stage::Report {
+        // One that is there tells of the blob before.
+        if last == Stage::Report || last == Stage::Freeze && run.report().exists() {
             reporter.say("drawing the report");
             let page = report(self, (&identified, &summary.profiles), policy.as_ref())?;
             write_whole(&run.report(), page.as_bytes())?;
@@ -256,7 +270,13 @@ impl Job<'_> {
         Ok(write_whole(&self.run.tables(), text.as_bytes())?)
     }
 
-    fn warn_of_misfits(&self, fitted: &FitResult) {
+    fn warn(&self, fitted: &FitResult, noise_scale: Option<f64>) {
+        if noise_scale.is_some_and(|scale| scale <= LEAST_NOISE_SCALE) {
+            self.reporter.say(&format!(
+                "warning: frames at rest scatter by {LEAST_NOISE_SCALE} of noise_m or less, and noise smaller than that is not \
+                 believed: what the noise explains, and every verdict, hangs on noise_m; correct it in demo.toml, m",
+            ));
+        }
         let (demos, _) = self.inputs.members();
         for warning in misfits(&demos, &fitted.best) {
             self.reporter.say(&format!("warning: {warning}"));
@@ -420,115 +440,6 @@ pub fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn say_identified(identified: &Identified, reporter: &Reporter) {
-    let outcome = &identified.outcome;
-    say_estimates(&outcome.estimates(), reporter);
-    reporter.say(&format!("verdict: {}", outcome.verdict));
-    for reason in &outcome.reasons {
-        reporter.say(&format!("  {reason}"));
-    }
-    let (before, after) = (
-        ResidualSummary::of(&outcome.held_out_before),
-        ResidualSummary::of(&outcome.held_out_after),
-    );
-    reporter.say(&format!(
-        "held-out error {:.2} mm ({:.1} noise floors) before, {:.2} mm ({:.1}) after",
-        before.rms_mm, before.floors, after.rms_mm, after.floors
-    ));
-    if let Some(force) = &identified.residual_force {
-        reporter.say(&format!("what is left: {}", force.in_words));
-    }
-    say_advice(&identified.advice, reporter);
-}
-
-fn say_estimates(estimates: &[Estimate], reporter: &Reporter) {
-    for e in estimates {
-        reporter.say(&format!("  {}", estimate_line(e)));
-    }
-}
-
-fn say_rollouts(rollouts: &DatasetSummary, reporter: &Reporter) {
-    let (scored, all) = (rollouts.scored, rollouts.rollouts);
-    reporter.say(&format!("rollouts: {scored} of {all} have a score"));
-    say_refusals(&rollouts.refusals, reporter);
-}
-
-fn say_refusals(refusals: &BTreeMap<String, usize>, reporter: &Reporter) {
-    for (reason, count) in refusals {
-        reporter.say(&format!("  refused: {count} ({reason})"));
-    }
-}
-
-/// Effects that are told of the list of what matters for the swing; the report has all.
-const RISKS_TOLD: usize = 3;
-
-fn say_advice(advice: &Advice, reporter: &Reporter) {
-    let risks = advice.swing.risks.iter().take(RISKS_TOLD);
-    let told: Vec<String> = risks
-        .filter_map(|risk| Some(format!("{} {:.1} mm", risk.allowed.name, risk.at_most_mm?)))
-        .collect();
-    match &advice.swing.missing {
-        Some(why) => reporter.say(&format!("what matters for the swing is not known: {why}")),
-        None => reporter.say(&format!(
-            "could still move the reach of the swing by up to: {}",
-            told.join(", ")
-        )),
-    }
-    let next = &advice.next_demonstration;
-    for motion in &next.motions {
-        let figure = match (motion.power, motion.swing_mm) {
-            (Some(power), _) => format!("{:3.0} % power", 100.0 * power),
-            (None, Some(mm)) => format!("{mm:5.1} mm left"),
-            (None, None) => "not simulated".into(),
-        };
-        reporter.say(&format!("  {figure}: {}", motion.words));
-    }
-    reporter.say(&format!("next demonstration: {}", next.in_words));
-}
-
-fn estimate_line(e: &Estimate) -> String {
-    let note = if e.identified {
-        ""
-    } else {
-        "  (not identified by these data)"
-    };
-    format!(
-        "{} = {}{note}",
-        e.name,
-        with_unit(&with_error(e.value, e.standard_error), &e.unit)
-    )
-}
-
-fn say_learned(learned: &Learned, reporter: &Reporter) {
-    if let Some(miss) = &learned.evaluation.miss {
-        reporter.say(&format!(
-            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} goals of unseen ropes (median {:.1}, p90 {:.1})",
-            miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
-        ));
-    }
-    say_refusals(&learned.evaluation.refusals, reporter);
-    reporter.say(&format!(
-        "this rope reaches goals from {:.3} to {:.3} m",
-        learned.reach_m.low, learned.reach_m.high
-    ));
-}
-
-fn say_beside(others: &[Beside], reporter: &Reporter) {
-    for (index, other) in others.iter().enumerate() {
-        let (miss, reach) = (&other.miss, &other.reach_m);
-        reporter.say(&format!(
-            "rope {}, {}: reaches goals from {:.3} to {:.3} m, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
-            index + 1,
-            other.model.name,
-            reach.low,
-            reach.high,
-            miss.mean_mm,
-            miss.spread_mm,
-            miss.count
-        ));
-    }
-}
-
 /// Writes `run.json`.
 fn record(summary: &Summary, dataset: Option<u64>, (job, last): (&Job, Stage)) -> anyhow::Result<()> {
     let record = serde_json::json!({
@@ -588,6 +499,6 @@ fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
         "evaluation": file(run.evaluation(), Stage::Train),
         "blob": file(run.blob(), Stage::Freeze),
         "tables": file(run.tables(), Stage::Diagnose),
-        "report": file(run.report(), Stage::Report),
+        "report": file(run.report(), Stage::Freeze),
     })
 }

@@ -166,7 +166,7 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     let folder = folder()?;
     if let Some(out) = &arguments.out {
         // Before minutes of simulation, not after them.
-        refuse_to_replace(out, Some(&folder))?;
+        refuse_to_replace(out)?;
     }
     let demo = Demo::load_to_simulate(&folder)?;
     let resolution = Resolution {

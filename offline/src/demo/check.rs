@@ -135,21 +135,24 @@ pub(super) fn format(declared: &Declared, format: &str) -> Result<(), DemoError>
     ))
 }
 
+/// Largest noise of a measured point, as a share of the rope's length: what is more shows no rope.
+const NOISE_SHARE_MAX: f64 = 0.1;
+
 /// Checks the declared values.
 pub(super) fn spec(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
     let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
     format(declared, &spec.format)?;
-    if !(spec.noise_m > 0.0 && spec.noise_m <= 0.1) {
+    rope(declared, spec)?;
+    if !(spec.noise_m > 0.0 && spec.noise_m <= NOISE_SHARE_MAX * spec.rope.length_m) {
         return fail(
             "noise_m",
             format!(
-                "noise_m = {} is no standard deviation of a measured point",
-                spec.noise_m
+                "noise_m = {} is no standard deviation of a point of a rope of {} m",
+                spec.noise_m, spec.rope.length_m
             ),
-            "give it in metres, above 0 and at most 0.1 (a depth camera has about 0.001)",
+            "give it in metres, above 0 and at most a tenth of length_m (a depth camera has about 0.001)",
         );
     }
-    rope(declared, spec)?;
     table(declared, spec)?;
     clamps(declared, spec)?;
     cameras(declared, spec)

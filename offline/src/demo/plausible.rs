@@ -1,6 +1,6 @@
 //! What cannot be true of a rope: scales, axes, clamps and cameras that contradict each other.
 
-use super::summary::{Frame, distance};
+use super::summary::{Frame, distance, fastest, frames, known_s, share_under_table, usual_gap_s};
 use super::{
     CameraSpec, ClampSample, Demo, DemoError, MarkerSample, Observations, RopeEnd, SceneKind, StartState,
     rotation,
@@ -23,6 +23,14 @@ const SEEN_LENGTH: std::ops::Range<f64> = 0.7..1.15;
 /// nor is it moved for an hour.
 const LATEST_BEGIN_S: f64 = 60.0;
 const LONGEST_S: f64 = 3600.0;
+/// A clamp that moves, but never so fast, m/s, before a camera that takes so long from frame to frame, s: the times are
+/// hardly in seconds.
+const SLOWEST_M_S: f64 = 1e-3;
+const SLOWEST_FRAMES_S: f64 = 2.0;
+/// Share of frames or points from which on nearly all of them break a rule.
+const NEARLY_ALL: f64 = 1.0 - FEW;
+/// Share of frames that may lie outside the time for which a clamp's path is known.
+const UNKNOWN_FRAMES: f64 = 0.1;
 
 /// What keeps a demonstration's clock from being simulated, and what to do: simulations begin at zero.
 pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
@@ -45,16 +53,107 @@ pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
     }
 }
 
+/// What cannot be true of any rope, or cannot be simulated, and what to do about it.
+pub(super) fn impossibility(demo: &Demo) -> Option<[String; 2]> {
+    let frames = frames(demo);
+    let moves = !demo.spec.is_static();
+    clock_problem(demo)
+        .or_else(|| slow_motion(demo, &frames).filter(|_| moves))
+        .or_else(|| path_ends_early(demo, &frames).filter(|_| moves))
+        .or_else(|| under_the_table(demo, &frames))
+        .or_else(|| out_of_reach(demo, &frames))
+}
+
+fn slow_motion(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
+    let fastest_m_s = demo.clamps.iter().map(|path| fastest(path)).fold(0.0, f64::max);
+    let frame_s = usual_gap_s(frames)?;
+    (fastest_m_s > 0.0 && fastest_m_s < SLOWEST_M_S && frame_s > SLOWEST_FRAMES_S).then(|| {
+        [
+            format!(
+                "its frames are {frame_s:.1} s apart and its clamp moves at {fastest_m_s:.1e} m/s at most"
+            ),
+            "give all times in seconds".into(),
+        ]
+    })
+}
+
+fn path_ends_early(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
+    let unknown = |path: &Vec<ClampSample>| {
+        let (known, opened) = (known_s(path), path.last().is_some_and(|last| !last.closed));
+        let lacks = |t_s: f64| t_s < *known.start() || t_s > *known.end() && !opened;
+        let out = frames.iter().filter(|frame| lacks(frame.t_s)).count();
+        (out as f64 > UNKNOWN_FRAMES * frames.len() as f64).then_some(out)
+    };
+    let (index, out) = demo
+        .clamps
+        .iter()
+        .enumerate()
+        .find_map(|(index, path)| Some((index, unknown(path)?)))?;
+    Some([
+        format!(
+            "{out} of {} frames lie outside the time for which the path of clamp {index} is known",
+            frames.len()
+        ),
+        "give the whole path, by the clock of the frames, or let `offline demo cut` leave those frames out"
+            .into(),
+    ])
+}
+
+fn under_the_table(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
+    let under = share_under_table(demo, frames)?;
+    (under > NEARLY_ALL).then(|| {
+        [
+            format!("{:.0} % of the points lie under the table", 100.0 * under),
+            "correct table.height_m, m, and see that z points up".into(),
+        ]
+    })
+}
+
+/// No point of a rope is farther from a clamp that holds it than the rope is long.
+fn out_of_reach(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
+    let length_m = demo.spec.rope.length_m + 5.0 * demo.spec.noise_m;
+    let far = |path: &Vec<ClampSample>| {
+        let nearest = nearest_to_clamp(path, frames);
+        let far = nearest
+            .iter()
+            .filter(|&&distance_m| distance_m > length_m)
+            .count();
+        !nearest.is_empty() && far as f64 > NEARLY_ALL * nearest.len() as f64
+    };
+    let index = demo.clamps.iter().position(far)?;
+    Some([
+        format!("nothing is ever seen within the rope's length of clamp {index}"),
+        "give points, clamp paths and length_m in metres and in one frame".into(),
+    ])
+}
+
+/// How near the nearest point of each frame is to a clamp while it is closed, m.
+fn nearest_to_clamp(path: &[ClampSample], frames: &[Frame<'_>]) -> Vec<f64> {
+    let nearest = |frame: &Frame<'_>| {
+        let pose = clamp_at(path, frame.t_s)?;
+        let distances = frame.points.iter().map(|p| distance(p, &pose.position_m));
+        Some(distances.fold(f64::INFINITY, f64::min))
+    };
+    frames.iter().filter_map(nearest).collect()
+}
+
 impl Demo {
-    /// As [`Self::load`], for a simulation that follows its clock.
+    /// As [`Self::load`], for a simulation.
     ///
     /// # Errors
-    /// Also where no simulation does.
+    /// Also where it [cannot be simulated](Self::for_a_simulation).
     pub fn load_to_simulate(dir: impl AsRef<Path>) -> Result<Self, DemoError> {
-        let demo = Self::load(&dir)?;
-        match clock_problem(&demo) {
+        Self::load(&dir)?.for_a_simulation(dir)
+    }
+
+    /// Itself, as it was read from a folder.
+    ///
+    /// # Errors
+    /// It cannot be true of any rope, or no simulation begins with its clock.
+    pub fn for_a_simulation(self, dir: impl AsRef<Path>) -> Result<Self, DemoError> {
+        match impossibility(&self) {
             Some([problem, remedy]) => Err(DemoError::new(dir.as_ref(), problem, remedy)),
-            None => Ok(demo),
+            None => Ok(self),
         }
     }
 }
@@ -76,7 +175,7 @@ pub(super) fn span(demo: &Demo) -> Span {
 
 /// Everything that contradicts itself, one line each.
 pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
-    let mut found: Vec<String> = clock_problem(demo)
+    let mut found: Vec<String> = impossibility(demo)
         .map(|said| said.join("; "))
         .into_iter()
         .collect();
@@ -171,14 +270,8 @@ fn clouds_off_clamps(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
     let mut found = Vec::new();
     for (index, (clamp, path)) in demo.spec.clamps.iter().zip(&demo.clamps).enumerate() {
         let allowed = clamp.grip_m + 2.0 * demo.spec.rope.diameter_m + 5.0 * demo.spec.noise_m;
-        let (mut all, mut off) = (0usize, 0usize);
-        for frame in frames {
-            if let Some(pose) = clamp_at(path, frame.t_s) {
-                let nearest = frame.points.iter().map(|p| distance(p, &pose.position_m));
-                all += 1;
-                off += usize::from(nearest.fold(f64::INFINITY, f64::min) > allowed);
-            }
-        }
+        let nearest = nearest_to_clamp(path, frames);
+        let (all, off) = (nearest.len(), nearest.iter().filter(|&&d| d > allowed).count());
         if off as f64 > FEW * all as f64 {
             found.push(format!(
                 "in {:.0} % of the frames no point lies within {:.0} mm of clamp {index}: its path does not touch \
@@ -301,6 +394,44 @@ mod tests {
             }
             warned(&demo, "check the scale");
         }
+    }
+
+    fn refused(spoil: impl Fn(&mut Demo), of: &str) {
+        let mut demo = shipped();
+        spoil(&mut demo);
+        let [problem, remedy] = impossibility(&demo).expect("it cannot be true");
+        assert!(problem.contains(of), "{problem}");
+        assert!(!remedy.is_empty());
+        warned(&demo, of);
+    }
+
+    #[test]
+    fn what_cannot_be_true_of_a_rope_is_no_demonstration() {
+        assert_eq!(impossibility(&shipped()), None);
+        let slower = |demo: &mut Demo| {
+            let Observations::Clouds(frames) = &mut demo.observations else {
+                panic!("the shipped demo has clouds");
+            };
+            frames.iter_mut().for_each(|frame| frame.t_s *= 1e3);
+            demo.clamps[0].iter_mut().for_each(|sample| sample.t_s *= 1e3);
+        };
+        refused(slower, "s apart and its clamp moves at");
+        let cut = |demo: &mut Demo| demo.clamps[0].truncate(49);
+        refused(cut, "the path of clamp 0 is known");
+        let high = |demo: &mut Demo| demo.spec.table.as_mut().unwrap().height_m = 7.5;
+        refused(high, "100 % of the points lie under the table");
+        let far = |demo: &mut Demo| clouds(demo).for_each(|p| *p = p.map(|x| 39.37 * x));
+        refused(far, "within the rope's length of clamp 0");
+    }
+
+    /// Once the gripper is open, where it goes is of no use.
+    #[test]
+    fn a_path_may_end_when_the_clamp_opens() {
+        let mut demo = shipped();
+        let half = demo.clamps[0].len() / 2;
+        demo.clamps[0].truncate(half);
+        demo.clamps[0][half - 1].closed = false;
+        assert_eq!(impossibility(&demo), None);
     }
 
     #[test]

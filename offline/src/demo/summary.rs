@@ -3,6 +3,7 @@
 use super::plausible;
 use super::{ClampSample, Demo, DemoSpec, Observations, RopeEnd, RopeMeasure, SceneKind};
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 
 /// Frames at rest that make a useful estimate of the sensor's noise.
 const REST_FRAMES: usize = 3;
@@ -103,7 +104,8 @@ pub(super) struct Frame<'a> {
     pub(super) points: Vec<&'a [f64; 3]>,
 }
 
-fn frames(demo: &Demo) -> Vec<Frame<'_>> {
+/// What was seen, frame by frame.
+pub(super) fn frames(demo: &Demo) -> Vec<Frame<'_>> {
     match &demo.observations {
         Observations::Clouds(frames) => frames
             .iter()
@@ -166,11 +168,42 @@ fn clamp_line(spec: &DemoSpec, index: usize, path: &[ClampSample]) -> String {
 }
 
 /// Largest speed between neighbouring samples, m/s.
-fn fastest(path: &[ClampSample]) -> f64 {
+pub(super) fn fastest(path: &[ClampSample]) -> f64 {
     let speed = |pair: &[ClampSample]| {
         distance(&pair[0].position_m, &pair[1].position_m) / (pair[1].t_s - pair[0].t_s)
     };
     path.windows(2).map(speed).fold(0.0, f64::max)
+}
+
+/// Times at which a clamp's path is known, s, to a sample's worth of time.
+pub(super) fn known_s(path: &[ClampSample]) -> RangeInclusive<f64> {
+    let (from, to) = (path[0].t_s, path[path.len() - 1].t_s);
+    let slack = 1e-3
+        + if path.len() > 1 {
+            (to - from) / (path.len() - 1) as f64
+        } else {
+            f64::INFINITY
+        };
+    from - slack..=to + slack
+}
+
+fn gaps_s(frames: &[Frame<'_>]) -> impl Iterator<Item = f64> {
+    frames.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)
+}
+
+/// Median time from one frame to the next, s.
+pub(super) fn usual_gap_s(frames: &[Frame<'_>]) -> Option<f64> {
+    let mut gaps: Vec<f64> = gaps_s(frames).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied()
+}
+
+/// Share of all points that lie under the table by more than the noise; none without a table.
+pub(super) fn share_under_table(demo: &Demo, frames: &[Frame<'_>]) -> Option<f64> {
+    let floor = demo.spec.table.as_ref()?.height_m - 5.0 * demo.spec.noise_m;
+    let points = || frames.iter().flat_map(|frame| &frame.points);
+    let under = points().filter(|p| p[2] < floor).count();
+    Some(under as f64 / points().count().max(1) as f64)
 }
 
 fn timing(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
@@ -179,14 +212,9 @@ fn timing(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
         return found;
     };
     for (index, path) in demo.clamps.iter().enumerate() {
-        let (from, to) = (path[0].t_s, path[path.len() - 1].t_s);
-        let slack = 1e-3
-            + if path.len() > 1 {
-                (to - from) / (path.len() - 1) as f64
-            } else {
-                f64::INFINITY
-            };
-        if first.t_s < from - slack || last.t_s > to + slack {
+        let known = known_s(path);
+        if !known.contains(&first.t_s) || !known.contains(&last.t_s) {
+            let (from, to) = (path[0].t_s, path[path.len() - 1].t_s);
             found.push(format!(
                 "frames last from {:.3} to {:.3} s but clamp {index} is known from {from:.3} to {to:.3} s only; \
                  check that both use one clock",
@@ -194,10 +222,9 @@ fn timing(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
             ));
         }
     }
-    let mut gaps: Vec<f64> = frames.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    gaps.sort_by(f64::total_cmp);
-    if let (Some(largest), Some(middle)) = (gaps.last(), gaps.get(gaps.len() / 2))
-        && *largest > 3.5 * middle
+    let largest = gaps_s(frames).fold(0.0, f64::max);
+    if let Some(middle) = usual_gap_s(frames)
+        && largest > 3.5 * middle
     {
         found.push(format!(
             "a gap of {largest:.3} s between frames that are usually {middle:.3} s apart"
@@ -267,20 +294,13 @@ fn first_cloud(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
 /// Checks that the rope is above the table and, where one end is lifted, below the clamp.
 fn heights(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
     let mut found = Vec::new();
-    let Some(table) = &demo.spec.table else {
+    let Some(under) = share_under_table(demo, frames) else {
         return found;
     };
-    let floor = table.height_m - 5.0 * demo.spec.noise_m;
-    let all: usize = frames.iter().map(|frame| frame.points.len()).sum();
-    let under = frames
-        .iter()
-        .flat_map(|frame| &frame.points)
-        .filter(|p| p[2] < floor)
-        .count();
-    if 100 * under > all {
+    if under > 0.01 {
         found.push(format!(
             "{:.0} % of the points lie under the table; check table.height_m and that z points up",
-            100.0 * under as f64 / all as f64
+            100.0 * under
         ));
     }
     if let (SceneKind::Lift, Some(last), Some(path)) = (demo.spec.scene, frames.last(), demo.clamps.first()) {

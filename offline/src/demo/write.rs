@@ -19,7 +19,7 @@ impl Demo {
     pub fn save(&self, dir: impl AsRef<Path>) -> Result<(), DemoError> {
         let dir = dir.as_ref();
         check::demo(dir, self, "")?;
-        refuse_to_replace(dir, None)?;
+        refuse_anything_else(dir)?;
         let parent = match dir.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
@@ -62,20 +62,24 @@ impl Demo {
     }
 }
 
-/// Refuses a folder that no demonstration may be written as: a mistyped path must not cost a user anything but a
-/// demonstration, and never the one that was read.
+/// Refuses a folder that holds a demonstration: a mistyped path must not cost a user a measurement.
 ///
 /// # Errors
-/// Something else is there, or the demonstration of the folder `read`.
-pub fn refuse_to_replace(dir: &Path, read: Option<&Path>) -> Result<(), DemoError> {
-    let there = dir.canonicalize().ok();
-    if there.is_some() && there == read.and_then(|read| read.canonicalize().ok()) {
+/// One is there, or something else.
+pub fn refuse_to_replace(dir: &Path) -> Result<(), DemoError> {
+    refuse_anything_else(dir)?;
+    if dir.join("demo.toml").exists() {
         return Err(DemoError::new(
             dir,
-            "this is the demonstration that is read, and it would be replaced",
-            "choose another folder",
+            "a demonstration is there, and it would be replaced",
+            "choose another folder, or remove it first",
         ));
     }
+    Ok(())
+}
+
+/// Refuses a folder that no demonstration may be written as: it is there, and neither empty nor a demonstration.
+fn refuse_anything_else(dir: &Path) -> Result<(), DemoError> {
     match std::fs::metadata(dir) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(DemoError::unwritten(dir, "looking it up", &error)),

@@ -1,0 +1,119 @@
+//! What a run tells of its stages, line by line.
+
+use super::progress::Reporter;
+use offline::collect::DatasetSummary;
+use offline::diagnose::Advice;
+use offline::model::Estimate;
+use offline::pipeline::{Beside, Identified, Learned};
+use offline::residual::ResidualSummary;
+use offline::words::{with_error, with_unit};
+use std::collections::BTreeMap;
+
+pub(super) fn say_identified(identified: &Identified, reporter: &Reporter) {
+    let outcome = &identified.outcome;
+    say_estimates(&outcome.estimates(), reporter);
+    reporter.say(&format!("verdict: {}", outcome.verdict));
+    for reason in &outcome.reasons {
+        reporter.say(&format!("  {reason}"));
+    }
+    let (before, after) = (
+        ResidualSummary::of(&outcome.held_out_before),
+        ResidualSummary::of(&outcome.held_out_after),
+    );
+    reporter.say(&format!(
+        "held-out error {:.2} mm ({:.1} noise floors) before, {:.2} mm ({:.1}) after",
+        before.rms_mm, before.floors, after.rms_mm, after.floors
+    ));
+    if let Some(force) = &identified.residual_force {
+        reporter.say(&format!("what is left: {}", force.in_words));
+    }
+    say_advice(&identified.advice, reporter);
+}
+
+pub(super) fn say_estimates(estimates: &[Estimate], reporter: &Reporter) {
+    for e in estimates {
+        reporter.say(&format!("  {}", estimate_line(e)));
+    }
+}
+
+pub(super) fn say_rollouts(rollouts: &DatasetSummary, reporter: &Reporter) {
+    let (scored, all) = (rollouts.scored, rollouts.rollouts);
+    reporter.say(&format!("rollouts: {scored} of {all} have a score"));
+    say_refusals(&rollouts.refusals, reporter);
+}
+
+fn say_refusals(refusals: &BTreeMap<String, usize>, reporter: &Reporter) {
+    for (reason, count) in refusals {
+        reporter.say(&format!("  refused: {count} ({reason})"));
+    }
+}
+
+/// Effects that are told of the list of what matters for the swing; the report has all.
+const RISKS_TOLD: usize = 3;
+
+fn say_advice(advice: &Advice, reporter: &Reporter) {
+    let risks = advice.swing.risks.iter().take(RISKS_TOLD);
+    let told: Vec<String> = risks
+        .filter_map(|risk| Some(format!("{} {:.1} mm", risk.allowed.name, risk.at_most_mm?)))
+        .collect();
+    match &advice.swing.missing {
+        Some(why) => reporter.say(&format!("what matters for the swing is not known: {why}")),
+        None => reporter.say(&format!(
+            "could still move the reach of the swing by up to: {}",
+            told.join(", ")
+        )),
+    }
+    let next = &advice.next_demonstration;
+    for motion in &next.motions {
+        let figure = match (motion.power, motion.swing_mm) {
+            (Some(power), _) => format!("{:3.0} % power", 100.0 * power),
+            (None, Some(mm)) => format!("{mm:5.1} mm left"),
+            (None, None) => "not simulated".into(),
+        };
+        reporter.say(&format!("  {figure}: {}", motion.words));
+    }
+    reporter.say(&format!("next demonstration: {}", next.in_words));
+}
+
+fn estimate_line(e: &Estimate) -> String {
+    let note = if e.identified {
+        ""
+    } else {
+        "  (not identified by these data)"
+    };
+    format!(
+        "{} = {}{note}",
+        e.name,
+        with_unit(&with_error(e.value, e.standard_error), &e.unit)
+    )
+}
+
+pub(super) fn say_learned(learned: &Learned, reporter: &Reporter) {
+    if let Some(miss) = &learned.evaluation.miss {
+        reporter.say(&format!(
+            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} goals of unseen ropes (median {:.1}, p90 {:.1})",
+            miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
+        ));
+    }
+    say_refusals(&learned.evaluation.refusals, reporter);
+    reporter.say(&format!(
+        "this rope reaches goals from {:.3} to {:.3} m",
+        learned.reach_m.low, learned.reach_m.high
+    ));
+}
+
+pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {
+    for (index, other) in others.iter().enumerate() {
+        let (miss, reach) = (&other.miss, &other.reach_m);
+        reporter.say(&format!(
+            "rope {}, {}: reaches goals from {:.3} to {:.3} m, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
+            index + 1,
+            other.model.name,
+            reach.low,
+            reach.high,
+            miss.mean_mm,
+            miss.spread_mm,
+            miss.count
+        ));
+    }
+}
