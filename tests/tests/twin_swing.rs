@@ -38,17 +38,8 @@ fn reach(young_pa: f64, effects: &WorldEffects) -> f64 {
 /// rope of 0.9 MPa stays in the plane and reaches 8 mm further from (0.08, 0.15).
 const LEAN_RAD: f64 = 1e-3;
 
-/// The program's swing is the rod's: of ropes soft and stiff, from the left, from below and from between. The tolerance
-/// was set before the first run: the grid may bend 5 % too stiffly, which moves the reach by 2 mm (design, section 4), and
-/// the rod knows no thickness at its clamps.
-///
-/// One of the nine is known to miss it: 3 MPa from between, 0.415 m in the rod and 0.421 m here (0.422, 0.419 and 0.424 on
-/// 1.79, 2.5 and 3.5 cells), near where the rope begins to fall out of the plane. Why is not known; it is held to twice the
-/// tolerance.
-#[test]
-fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
-    const TOLERANCE_M: f64 = 5e-3;
-    const KNOWN: (f64, [f64; 2]) = (3e6, [0.12, 0.10]);
+/// Reach of a rope in the leaning rod and in the program, m.
+fn rod_and_program_m(young_pa: f64, release_m: [f64; 2]) -> [f64; 2] {
     let leaning = WorldEffects {
         tilt_rad: [0.0, LEAN_RAD],
         ..WorldEffects::default()
@@ -61,27 +52,66 @@ fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
         effect_values: Vec::new(),
         resolution: Resolution { cells: 1.5 },
     };
-    let misses = |young_pa: f64, release_m: [f64; 2]| {
-        let mut rope = material();
-        rope.young_pa = young_pa;
-        let spec = swing("swing", rope, &task, release_m, &CALM);
-        let rod_m = reach_m(&spec, &simulate(&spec, &leaning));
-        let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
-        println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
-        let known = (young_pa, release_m) == KNOWN;
-        let tolerance_m = if known { 2.0 * TOLERANCE_M } else { TOLERANCE_M };
-        ((program_m - rod_m).abs() > tolerance_m).then_some((young_pa, release_m, rod_m, program_m))
-    };
-    let off: Vec<_> = std::thread::scope(|scope| {
-        let misses = &misses;
-        let ropes = [0.3e6, 0.9e6, 3e6].map(|young_pa| {
-            let swings = [[0.08, 0.15], [0.15, 0.08], [0.12, 0.10]];
-            scope.spawn(move || swings.map(|release_m| misses(young_pa, release_m)))
+    let mut rope = material();
+    rope.young_pa = young_pa;
+    let spec = swing("swing", rope, &task, release_m, &CALM);
+    let rod_m = reach_m(&spec, &simulate(&spec, &leaning));
+    let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
+    println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
+    [rod_m, program_m]
+}
+
+/// The same of several ropes, each from several points, at the same time.
+fn reaches_m<const N: usize>(
+    young_pa: [f64; 3],
+    releases_m: [[f64; 2]; N],
+) -> Vec<(f64, [f64; 2], [f64; 2])> {
+    std::thread::scope(|scope| {
+        let ropes = young_pa.map(|young_pa| {
+            let swing = move |release_m| (young_pa, release_m, rod_and_program_m(young_pa, release_m));
+            scope.spawn(move || releases_m.map(swing))
         });
         let each = ropes.into_iter().flat_map(|rope| rope.join().expect("it swings"));
-        each.flatten().collect()
-    });
-    assert!(off.is_empty(), "{off:?}");
+        each.collect()
+    })
+}
+
+/// How far the program may be from the rod, m: set before the first run; the grid may bend 5 % too stiffly, which moves the
+/// reach by 2 mm (design, section 4), and the rod knows no thickness at its clamps.
+const TOLERANCE_M: f64 = 5e-3;
+
+/// The program's swing is the rod's: of ropes soft and stiff, from the left, from below and from between.
+///
+/// One of the nine is known to miss it: 3 MPa from between, 0.415 m in the rod and 0.421 m here (0.422, 0.419 and 0.424 on
+/// 1.79, 2.5 and 3.5 cells), near where the rope begins to fall out of the plane. Why is not known; it is held to twice the
+/// tolerance.
+#[test]
+fn the_programs_swing_reaches_as_far_as_the_independent_rod() {
+    const KNOWN: (f64, [f64; 2]) = (3e6, [0.12, 0.10]);
+    for (young_pa, release_m, [rod_m, program_m]) in
+        reaches_m([0.3e6, 0.9e6, 3e6], [[0.08, 0.15], [0.15, 0.08], [0.12, 0.10]])
+    {
+        let known = (young_pa, release_m) == KNOWN;
+        let tolerance_m = if known { 2.0 * TOLERANCE_M } else { TOLERANCE_M };
+        assert!(
+            (program_m - rod_m).abs() <= tolerance_m,
+            "{young_pa} Pa from {release_m:?}: rod {rod_m} m, program {program_m} m"
+        );
+    }
+}
+
+/// From the point where the design gives 0.356 m for the softest rope and 0.264 m for the stiffest, the rod and the program
+/// agree on something else.
+#[test]
+#[ignore = "half a minute; for the figures in the README"]
+fn the_designs_reference_swing_is_another() {
+    for (young_pa, _, [rod_m, program_m]) in reaches_m([0.2e6, 0.9e6, 4.3e6], [[0.15, 0.15]]) {
+        assert!(
+            (program_m - rod_m).abs() <= TOLERANCE_M,
+            "{young_pa} Pa: {rod_m} m, {program_m} m"
+        );
+        assert!(program_m > 0.38, "{young_pa} Pa: {program_m} m");
+    }
 }
 
 /// Pulled back by 0.1 m and let go, a rope without losses swings at least as far to the other side,
