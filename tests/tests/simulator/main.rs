@@ -11,4 +11,5 @@ mod lanes;
 mod statics;
 mod swing;
 mod tangents;
+mod torsion;
 mod verification;
