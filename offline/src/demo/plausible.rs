@@ -54,14 +54,13 @@ pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
 }
 
 /// What cannot be true of any rope, or cannot be simulated, and what to do about it.
-pub(super) fn impossibility(demo: &Demo) -> Option<[String; 2]> {
-    let frames = frames(demo);
+pub(super) fn impossibility(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
     let moves = !demo.spec.is_static();
     clock_problem(demo)
-        .or_else(|| slow_motion(demo, &frames).filter(|_| moves))
-        .or_else(|| path_ends_early(demo, &frames).filter(|_| moves))
-        .or_else(|| under_the_table(demo, &frames))
-        .or_else(|| out_of_reach(demo, &frames))
+        .or_else(|| slow_motion(demo, frames).filter(|_| moves))
+        .or_else(|| path_ends_early(demo, frames).filter(|_| moves))
+        .or_else(|| under_the_table(demo, frames))
+        .or_else(|| out_of_reach(demo, frames))
 }
 
 fn slow_motion(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
@@ -151,7 +150,7 @@ impl Demo {
     /// # Errors
     /// It cannot be true of any rope, or no simulation begins with its clock.
     pub fn for_a_simulation(self, dir: impl AsRef<Path>) -> Result<Self, DemoError> {
-        match impossibility(&self) {
+        match impossibility(&self, &frames(&self)) {
             Some([problem, remedy]) => Err(DemoError::new(dir.as_ref(), problem, remedy)),
             None => Ok(self),
         }
@@ -175,7 +174,7 @@ pub(super) fn span(demo: &Demo) -> Span {
 
 /// Everything that contradicts itself, one line each.
 pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
-    let mut found: Vec<String> = impossibility(demo)
+    let mut found: Vec<String> = impossibility(demo, frames)
         .map(|said| said.join("; "))
         .into_iter()
         .collect();
@@ -399,7 +398,7 @@ mod tests {
     fn refused(spoil: impl Fn(&mut Demo), of: &str) {
         let mut demo = shipped();
         spoil(&mut demo);
-        let [problem, remedy] = impossibility(&demo).expect("it cannot be true");
+        let [problem, remedy] = impossibility(&demo, &frames(&demo)).expect("it cannot be true");
         assert!(problem.contains(of), "{problem}");
         assert!(!remedy.is_empty());
         warned(&demo, of);
@@ -407,7 +406,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_true_of_a_rope_is_no_demonstration() {
-        assert_eq!(impossibility(&shipped()), None);
+        let sound = shipped();
+        assert_eq!(impossibility(&sound, &frames(&sound)), None);
         let slower = |demo: &mut Demo| {
             let Observations::Clouds(frames) = &mut demo.observations else {
                 panic!("the shipped demo has clouds");
@@ -431,7 +431,7 @@ mod tests {
         let half = demo.clamps[0].len() / 2;
         demo.clamps[0].truncate(half);
         demo.clamps[0][half - 1].closed = false;
-        assert_eq!(impossibility(&demo), None);
+        assert_eq!(impossibility(&demo, &frames(&demo)), None);
     }
 
     #[test]
