@@ -1,13 +1,13 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
 use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
-use crate::words::with_error;
+use crate::words::{metres, with_error};
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
 use shared::policy::{HIDDEN, INPUTS, OUTPUTS, ReleaseRegion, TrainingRanges};
 use shared::profile::MotionLimits;
-use shared::task::{Interval, SwingTask};
+use shared::task::SwingTask;
 use std::fmt;
 use std::path::Path;
 
@@ -234,15 +234,6 @@ impl fmt::Display for RopeReport {
         }
         Ok(())
     }
-}
-
-/// In whole millimetres, none of which lies outside.
-fn metres(range: &Interval) -> String {
-    // 0.28 m is a little more than 280 mm.
-    const ROUNDING: f64 = 1e-6;
-    let low_mm = (1e3 * range.low - ROUNDING).ceil();
-    let high_mm = (1e3 * range.high + ROUNDING).floor();
-    format!("{:.3} to {:.3} m", 1e-3 * low_mm, 1e-3 * high_mm)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use offline::diagnose::Advice;
 use offline::model::Estimate;
 use offline::pipeline::{Beside, Identified, Learned};
 use offline::residual::ResidualSummary;
-use offline::words::{with_error, with_unit};
+use offline::words::{metres, with_error, with_unit};
 use std::collections::BTreeMap;
 
 pub(super) fn say_identified(identified: &Identified, reporter: &Reporter) {
@@ -97,20 +97,19 @@ pub(super) fn say_learned(learned: &Learned, reporter: &Reporter) {
     }
     say_refusals(&learned.evaluation.refusals, reporter);
     reporter.say(&format!(
-        "this rope reaches goals from {:.3} to {:.3} m",
-        learned.reach_m.low, learned.reach_m.high
+        "this rope reaches goals from {}",
+        metres(&learned.reach_m)
     ));
 }
 
 pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {
     for (index, other) in others.iter().enumerate() {
-        let (miss, reach) = (&other.miss, &other.reach_m);
+        let miss = &other.miss;
         reporter.say(&format!(
-            "rope {}, {}: reaches goals from {:.3} to {:.3} m, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
+            "rope {}, {}: reaches goals from {}, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
             index + 1,
             other.model.name,
-            reach.low,
-            reach.high,
+            metres(&other.reach_m),
             miss.mean_mm,
             miss.spread_mm,
             miss.count
