@@ -152,7 +152,7 @@ fn timeout(text: &str) -> Result<u64, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = program::arguments("controller");
     let outcome = match cli.command {
         None => run_controller(cli.serve),
         Some(Command::Fk { q_rad, json }) => fk(&q_rad, json),
@@ -175,9 +175,8 @@ fn main() -> ExitCode {
 fn run_controller(args: ServeArgs) -> Result<()> {
     let Some(policy) = args.policy else {
         let kind = clap::error::ErrorKind::MissingRequiredArgument;
-        Cli::command()
-            .error(kind, "give --policy FILE, or a subcommand; see --help")
-            .exit();
+        let error = Cli::command().error(kind, "give --policy FILE, or a subcommand; see --help");
+        program::refuse("controller", &error);
     };
     serve::serve(&Options {
         policy,
@@ -350,6 +349,9 @@ fn replay(file: &Path, as_json: bool) -> Result<()> {
     })?;
     if let Some(cycle) = found.first_difference {
         bail!("cycle {cycle} differs from the recording");
+    }
+    if let Some(cycle) = found.damaged_after {
+        bail!("{name} is damaged after cycle {cycle}: give a whole copy of it; all before agrees");
     }
     if let Some(cycle) = found.gap_after {
         bail!(

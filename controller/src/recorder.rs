@@ -5,7 +5,7 @@ use crate::clock;
 use crate::cycle::Queues;
 use crate::step::{Controller, Inputs, Output, Setup};
 use crate::voice::{Event, Voice};
-use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
+use shared::recording::{FRAME_BYTES, HEADER_BYTES, Header, Record, present};
 use std::fs::File;
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::Path;
@@ -126,7 +126,7 @@ fn drain(file: &mut impl Write, queues: &Queues) -> io::Result<()> {
         // Asked before the queue is emptied, so that the last records are not missed.
         let ended = queues.ended.load(Ordering::Acquire);
         for record in records.drain() {
-            file.write_all(record.bytes())?;
+            file.write_all(&record.to_frame())?;
         }
         if ended {
             return file.flush();
@@ -170,19 +170,24 @@ pub struct Replay {
     pub gap_after: Option<u64>,
     /// The file ends within a record, as after a crash; the whole records were replayed.
     pub truncated: bool,
+    /// The cycle after which the file is damaged; the replay ends there.
+    pub damaged_after: Option<u64>,
 }
 
 /// Feeds the recorded inputs to a fresh controller and compares its outputs bit for bit.
 pub fn replay(file: &mut impl Read, mut controller: Controller) -> io::Result<Replay> {
     let mut found = Replay::default();
     loop {
-        let mut bytes = [0; RECORD_BYTES];
+        let mut bytes = [0; FRAME_BYTES];
         let filled = read_up_to(file, &mut bytes)?;
-        if filled < RECORD_BYTES {
+        if filled < FRAME_BYTES {
             found.truncated = filled > 0;
             return Ok(found);
         }
-        let recorded = Record::from_bytes(&bytes);
+        let Some(recorded) = Record::from_frame(&bytes) else {
+            found.damaged_after = Some(found.cycles);
+            return Ok(found);
+        };
         if recorded.cycle != found.cycles + 1 {
             found.gap_after = Some(found.cycles);
             return Ok(found);

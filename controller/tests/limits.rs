@@ -7,7 +7,7 @@ use controller::recorder;
 use controller::step::{Controller, Inputs, Setup};
 use proptest::prelude::*;
 use shared::messages::{COMMAND_MAGIC, Command, Goal, Reason, RobotState};
-use shared::recording::Record;
+use shared::recording::{FRAME_BYTES, Record};
 use virtual_arm::{World, limits_hold_at, setup};
 
 /// Something that happens, and how many cycles pass before the next thing does.
@@ -196,7 +196,7 @@ proptest! {
                 }).or(inputs.robot);
                 let output = world.cycle();
                 cycles += 1;
-                file.extend(recorder::record(cycles, world.now_ns, &inputs, &output).bytes());
+                file.extend(recorder::record(cycles, world.now_ns, &inputs, &output).to_frame());
             }
         }
         if damage {
@@ -212,8 +212,16 @@ proptest! {
     }
 }
 
-/// Twenty cycles in which the arm is heard, recorded with `change` made to each record, replayed.
+/// The replay of twenty cycles in which the arm is heard, recorded with `change` made to each record.
 fn twenty(change: impl Fn(&mut Record)) -> recorder::Replay {
+    replay(&file_of_twenty(change))
+}
+
+fn replay(mut file: &[u8]) -> recorder::Replay {
+    recorder::replay(&mut file, Controller::new(setup())).unwrap()
+}
+
+fn file_of_twenty(change: impl Fn(&mut Record)) -> Vec<u8> {
     let mut world = World::new();
     let mut file = Vec::new();
     for cycle in 1..=20 {
@@ -229,9 +237,9 @@ fn twenty(change: impl Fn(&mut Record)) -> recorder::Replay {
         };
         let mut record = recorder::record(cycle, world.now_ns, &inputs, &output);
         change(&mut record);
-        file.extend(record.bytes());
+        file.extend(record.to_frame());
     }
-    recorder::replay(&mut file.as_slice(), Controller::new(setup())).unwrap()
+    file
 }
 
 #[test]
@@ -246,6 +254,13 @@ fn a_changed_record_or_a_gap_is_noticed_by_the_replay() {
         }
     });
     assert_eq!(changed.first_difference, Some(7));
+    let mut damaged = file_of_twenty(|_| ());
+    damaged[12 * FRAME_BYTES + 70] ^= 1;
+    let found = replay(&damaged);
+    assert_eq!(
+        (found.cycles, found.damaged_after, found.first_difference),
+        (12, Some(12), None)
+    );
     let gap = twenty(|record| record.cycle += if record.cycle > 12 { 3 } else { 0 });
     assert_eq!(
         (gap.cycles, gap.gap_after, gap.first_difference),

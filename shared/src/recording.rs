@@ -2,25 +2,35 @@
 //! with the policy file that answered, so that the run can be replayed bit for bit from this file alone.
 //!
 //! ```text
-//! 0   8   magic "GENREC2\n"
+//! 0   8   magic "GENREC3\n"
 //! 8   48  the words of `Header`, 64 bits each
-//! 56  ..  the policy file, byte for byte
-//! ..  568 a `Record` per cycle, as it lies in memory, until the file ends
+//! 56  8   CRC-32 of the 56 bytes before
+//! 64  ..  the policy file, byte for byte
+//! ..  576 per cycle, until the file ends: a `Record` of 568 bytes as it lies in memory, and its CRC-32
 //! ```
 //!
-//! Everything is little endian. A file that ends within a record (a crash) is whole up to there; cycle
-//! numbers that skip show where the disk was too slow.
+//! Everything is little endian; a CRC-32 is a word of 64 bits whose upper half is zero. A file that ends within a record
+//! (a crash) is whole up to there; cycle numbers that skip show where the disk was too slow.
 
 use crate::messages::{Command, Goal, JointTarget, RobotState, Status};
 
 /// First bytes of every recording.
-pub const MAGIC: [u8; 8] = *b"GENREC2\n";
+pub const MAGIC: [u8; 8] = *b"GENREC3\n";
+
+/// Bytes of the header that its checksum is of.
+const CHECKED_HEADER_BYTES: usize = MAGIC.len() + 6 * CRC_BYTES;
 
 /// Bytes before the policy file.
-pub const HEADER_BYTES: usize = MAGIC.len() + 6 * size_of::<u64>();
+pub const HEADER_BYTES: usize = CHECKED_HEADER_BYTES + CRC_BYTES;
 
 /// Bytes of one record.
-pub const RECORD_BYTES: usize = size_of::<Record>();
+const RECORD_BYTES: usize = size_of::<Record>();
+
+/// Bytes of one record in the file, its checksum included.
+pub const FRAME_BYTES: usize = RECORD_BYTES + CRC_BYTES;
+
+/// Bytes of a checksum, and of every other word.
+const CRC_BYTES: usize = size_of::<u64>();
 
 // No padding: the bytes of a record are exactly those of its fields.
 const _: () = assert!(RECORD_BYTES == 40 + 40 + 32 + 152 + 160 + 144);
@@ -58,12 +68,18 @@ impl Header {
         for (place, word) in bytes[MAGIC.len()..].chunks_exact_mut(8).zip(words) {
             place.copy_from_slice(&word.to_le_bytes());
         }
+        let (checked, crc) = bytes.split_at_mut(CHECKED_HEADER_BYTES);
+        crc.copy_from_slice(&checksum(checked));
         bytes
     }
 
-    /// The header in the first bytes of a file; `None` when they are something else.
+    /// The header in the first bytes of a file; `None` when they are something else, or damaged.
     pub fn from_bytes(bytes: &[u8; HEADER_BYTES]) -> Option<Self> {
-        let words = bytes.strip_prefix(&MAGIC)?;
+        let (checked, crc) = bytes.split_at(CHECKED_HEADER_BYTES);
+        if crc != checksum(checked) {
+            return None;
+        }
+        let words = checked.strip_prefix(&MAGIC)?;
         let word = |k: usize| {
             let mut word = [0; 8];
             word.copy_from_slice(&words[8 * k..8 * k + 8]);
@@ -134,17 +150,35 @@ impl Record {
         self.present & what == what
     }
 
-    /// The record as it lies in the file.
+    /// The record as it lies in the file, with its checksum.
+    pub fn to_frame(&self) -> [u8; FRAME_BYTES] {
+        let mut frame = [0; FRAME_BYTES];
+        let (record, crc) = frame.split_at_mut(RECORD_BYTES);
+        record.copy_from_slice(self.bytes());
+        crc.copy_from_slice(&checksum(record));
+        frame
+    }
+
+    /// The record that lies in the file as these bytes; `None` when they are damaged.
+    pub fn from_frame(frame: &[u8; FRAME_BYTES]) -> Option<Self> {
+        let (record, crc) = frame.split_first_chunk::<RECORD_BYTES>()?;
+        (crc == checksum(record)).then(|| Self::from_bytes(record))
+    }
+
+    /// The record as it lies in memory.
     pub fn bytes(&self) -> &[u8; RECORD_BYTES] {
         // SAFETY: the structure is repr(C) without padding, so every byte is initialised.
         unsafe { &*(self as *const Self).cast() }
     }
 
-    /// The record that lies in the file as these bytes.
-    pub fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Self {
+    fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Self {
         // SAFETY: every field is an integer or a float, for which any bits are a value.
         unsafe { core::ptr::read_unaligned(bytes.as_ptr().cast()) }
     }
+}
+
+fn checksum(bytes: &[u8]) -> [u8; CRC_BYTES] {
+    u64::from(crc32fast::hash(bytes)).to_le_bytes()
 }
 
 #[cfg(test)]
@@ -164,9 +198,9 @@ mod tests {
     #[test]
     fn a_header_is_what_was_written_and_other_bytes_are_none() {
         let bytes = HEADER.to_bytes();
-        assert_eq!(bytes[..16], *b"GENREC2\n\x00\x09\x3d\x00\x00\x00\x00\x00");
+        assert_eq!(bytes[..16], *b"GENREC3\n\x00\x09\x3d\x00\x00\x00\x00\x00");
         assert_eq!(Header::from_bytes(&bytes), Some(HEADER));
-        for at in [0, 7, 15, 20, 30, 55] {
+        for at in 0..HEADER_BYTES {
             let mut wrong = bytes;
             wrong[at] ^= 0x80;
             assert_eq!(Header::from_bytes(&wrong), None, "byte {at}");
@@ -190,10 +224,16 @@ mod tests {
             },
             ..Record::default()
         };
-        let again = Record::from_bytes(record.bytes());
+        let frame = record.to_frame();
+        let again = Record::from_frame(&frame).unwrap();
         assert_eq!(again, record);
+        for at in 0..FRAME_BYTES {
+            let mut wrong = frame;
+            wrong[at] ^= 0x04;
+            assert_eq!(Record::from_frame(&wrong), None, "byte {at}");
+        }
         assert!(again.has(present::GOAL) && !again.has(present::GOAL | present::ROBOT));
-        assert_eq!(record.bytes()[..8], 3u64.to_le_bytes());
-        assert_eq!(record.bytes()[40..48], *b"GENGOAL1");
+        assert_eq!(frame[..8], 3u64.to_le_bytes());
+        assert_eq!(frame[40..48], *b"GENGOAL1");
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use shared::arm::{self, FlangePose, Joints};
 use shared::blob::{self, Blob, RopeEntry, TaskFrame};
 use shared::messages::{Phase, Reason, degraded};
-use shared::recording::{HEADER_BYTES, Header, RECORD_BYTES, Record, present};
+use shared::recording::{FRAME_BYTES, HEADER_BYTES, Header, Record, present};
 use std::path::Path;
 
 /// Standard deviation of the gripped end's place: joint encoders and a grip that is not exact, m.
@@ -90,8 +90,17 @@ impl Run {
         let (policy, records) = rest.split_at(policy_bytes);
         let blob = blob::parse(policy).map_err(|error| wrong(&format!("its policy file: {error}")))?;
         // A last record that is cut off, as after a crash, is left out.
-        let (records, _) = records.as_chunks::<RECORD_BYTES>();
-        let records = records.iter().map(Record::from_bytes).collect();
+        let (frames, _) = records.as_chunks::<FRAME_BYTES>();
+        let damaged = |at: usize| {
+            DemoError::new(
+                file,
+                format!("record {} of {} is damaged", at + 1, frames.len()),
+                "give a whole copy of the file",
+            )
+        };
+        let records = frames.iter().enumerate();
+        let records = records.map(|(at, frame)| Record::from_frame(frame).ok_or_else(|| damaged(at)));
+        let records = records.collect::<Result<_, _>>()?;
         Ok(Self { blob, records })
     }
 
@@ -397,7 +406,7 @@ mod tests {
             };
             let mut bytes = header.to_bytes().to_vec();
             bytes.extend(policy);
-            bytes.extend(self.0.iter().flat_map(|record| record.bytes()));
+            bytes.extend(self.0.iter().flat_map(Record::to_frame));
             bytes
         }
     }
@@ -451,6 +460,28 @@ mod tests {
             wanted.extend([false; 2]);
             assert_eq!(closed, wanted);
         }
+    }
+
+    /// A flipped bit would move the gripper of a demonstration, which a fit takes for the rope's doing.
+    #[test]
+    fn a_damaged_recording_is_no_demonstration() {
+        let mut cycles = Cycles::default();
+        cycles.done(goal(7, 0.40, 0), 2);
+        let mut bytes = cycles.bytes(0);
+        let end = bytes.len();
+        bytes[end - 2 * FRAME_BYTES + 300] ^= 1;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.rec");
+        std::fs::write(&file, &bytes).unwrap();
+        let refused = recording(&file, None).unwrap_err().to_string();
+        let record = cycles.0.len() - 1;
+        assert!(
+            refused.contains(&format!("record {record} of {}", cycles.0.len())),
+            "{refused}"
+        );
+        // As after a crash.
+        std::fs::write(&file, &cycles.bytes(0)[..end - 1]).unwrap();
+        assert_eq!(recording(&file, None).unwrap().len(), 1);
     }
 
     #[test]
