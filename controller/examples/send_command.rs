@@ -47,7 +47,7 @@ struct Verdict {
 }
 
 fn main() -> ExitCode {
-    program::finish("send_command", run(&Args::parse()))
+    program::finish("send_command", run(&program::arguments("send_command")))
 }
 
 fn run(args: &Args) -> Result<()> {

@@ -51,7 +51,7 @@ struct Outcome {
 }
 
 fn main() -> ExitCode {
-    program::finish("send_goal", run(&Args::parse()))
+    program::finish("send_goal", run(&program::arguments("send_goal")))
 }
 
 fn run(args: &Args) -> Result<()> {

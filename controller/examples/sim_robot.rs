@@ -96,7 +96,7 @@ impl Arm {
 }
 
 fn main() -> ExitCode {
-    program::finish("sim_robot", run(&Args::parse()))
+    program::finish("sim_robot", run(&program::arguments("sim_robot")))
 }
 
 fn run(args: &Args) -> Result<()> {

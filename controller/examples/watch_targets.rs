@@ -30,7 +30,7 @@ struct Args {
 }
 
 fn main() -> ExitCode {
-    program::finish("watch_targets", run(&Args::parse()))
+    program::finish("watch_targets", run(&program::arguments("watch_targets")))
 }
 
 fn run(args: &Args) -> Result<()> {

@@ -1,7 +1,10 @@
 //! How the programs of this crate answer on standard output, talk on standard error and end. Nothing here
 //! panics when nobody reads: an arm may be moving.
 
+use clap::Parser;
+use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
 use serde::Serialize;
+use shared::one_line::OneLine;
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
@@ -38,13 +41,32 @@ pub fn tell(line: &str) {
     let _ = io::stderr().write_all(format!("{line}\n").as_bytes());
 }
 
+/// The arguments of the program called `name`. Wrong use ends it here, with one line and exit code 2; so does a question
+/// for help, with its answer.
+pub fn arguments<T: Parser>(name: &str) -> T {
+    T::try_parse().unwrap_or_else(|error| refuse(name, &error))
+}
+
+/// Ends the program called `name` because of how it was called.
+pub fn refuse(name: &str, error: &clap::Error) -> ! {
+    if !error.use_stderr() || error.kind() == DisplayHelpOnMissingArgumentOrSubcommand {
+        error.exit();
+    }
+    let words = error.to_string();
+    tell(&format!(
+        "{name}: {}",
+        OneLine(words.strip_prefix("error: ").unwrap_or(&words))
+    ));
+    std::process::exit(error.exit_code())
+}
+
 /// The exit code of a program called `name` that came to this outcome; a failure also gets its line.
 pub fn finish(name: &str, outcome: anyhow::Result<()>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if has_read_enough(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            tell(&format!("{name}: {error:#}"));
+            tell(&format!("{name}: {}", OneLine(format_args!("{error:#}"))));
             ExitCode::FAILURE
         }
     }

@@ -5,9 +5,11 @@
 
 mod cli;
 
-use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::run(cli::Arguments::parse())
+    match cli::arguments() {
+        Ok(arguments) => cli::run(arguments),
+        Err(wrong_use) => wrong_use,
+    }
 }

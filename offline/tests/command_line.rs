@@ -33,22 +33,31 @@ fn wrong_use_has_exit_code_2_and_says_what_is_right() {
     let cut = ["demo", "cut", FIT, "--out", "never-written"];
     let cases: &[(&[&str], &str)] = &[
         (&["run", "--held-out", FIT], "--demo <DIR>..."),
-        (&["run", "--threads", "0"], "0 is not in 1..=1024"),
+        (&["run", "--threads", "0"], "give a whole number from 1 to 1024"),
         (
             &["reproduce", "coverage", "--threads", "5000"],
-            "5000 is not in 1..=1024",
+            "give a whole number from 1 to 1024",
         ),
         (
             &["reproduce", "sim2sim", "--iterations", "0"],
-            "0 is not in 1..=100000",
+            "give a whole number from 1 to 100000",
         ),
         (
             &["reproduce", "sim2sim", "--cells", "1"],
             "give a number from 1.5 to 8",
         ),
-        (&["bench-diagnosis", "--seeds", "0"], "0 is not in 1..=1000"),
-        (&["bench-diagnosis", "--threads", "0"], "0 is not in 1..=1024"),
-        (&["verify", "--random", "1e9"], "invalid value '1e9'"),
+        (
+            &["bench-diagnosis", "--seeds", "0"],
+            "give a whole number from 1 to 1000",
+        ),
+        (
+            &["bench-diagnosis", "--threads", "0"],
+            "give a whole number from 1 to 1024",
+        ),
+        (
+            &["verify", "--random", "1e9"],
+            "give a whole number from 0 to 1000000",
+        ),
         (
             &[&cut[..], &["--from", "5", "--to", "1"]].concat(),
             "--from 5 is after --to 1: give the earlier instant first",
@@ -60,6 +69,22 @@ fn wrong_use_has_exit_code_2_and_says_what_is_right() {
             "the gripper cannot take the rope where its end hangs",
         ),
         (&["fit", "--name", ""], "give it one with --name"),
+        (&["run", "--threads", "-2"], "give a whole number from 1 to 1024"),
+        (
+            &["bench-diagnosis", "--seeds", "-2"],
+            "give a whole number from 1 to 1000",
+        ),
+        (
+            &[
+                "simulate",
+                "--young-pa",
+                "1e6",
+                "--effect",
+                "tip_mass=0.01",
+                "tip_mass=0.02",
+            ],
+            "--effect tip_mass stands there twice",
+        ),
         (
             &["bench-diagnosis", "--only", "zzz"],
             "look at the names with --list",
@@ -69,6 +94,7 @@ fn wrong_use_has_exit_code_2_and_says_what_is_right() {
         let (code, said) = refusal(arguments);
         assert_eq!(code, Some(2), "{arguments:?}: {said}");
         assert!(said.contains(words), "{arguments:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{arguments:?}: {said}");
     }
 }
 

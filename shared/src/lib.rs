@@ -1,5 +1,5 @@
 //! What the offline program and the controller must agree on: messages, xArm7 kinematics, motion
-//! profile, policy network, formats of policy files and recordings, task geometry. No `std`, no
+//! profile, policy network, formats of policy files and recordings, task geometry, messages on one line. No `std`, no
 //! `alloc`, no clock, no file.
 #![no_std]
 
@@ -9,6 +9,7 @@ pub mod blob;
 mod fixtures;
 pub mod ik;
 pub mod messages;
+pub mod one_line;
 pub mod policy;
 pub mod profile;
 pub mod reach;

@@ -2,7 +2,7 @@
 
 use super::numbers::finite;
 use super::output::print;
-use super::{WrongUse, note_error};
+use super::{WrongUse, note_line};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use offline::demo::{Demo, StartState, plot_svg, refuse_to_replace, summary, warnings};
@@ -21,7 +21,9 @@ pub fn check(folders: &[PathBuf], json: bool) -> anyhow::Result<()> {
     let Some(last) = failed.pop() else {
         return Ok(());
     };
-    failed.iter().for_each(note_error);
+    for error in &failed {
+        note_line(format_args!("{error:#}"));
+    }
     Err(last)
 }
 

@@ -13,10 +13,13 @@ mod simulate;
 mod told;
 mod verify;
 
+use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
 use numbers::{count, threads};
 use offline::pipeline::{Preset, Stage};
 use output::note;
+use shared::one_line::OneLine;
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -171,10 +174,10 @@ struct RunArguments {
     #[arg(long)]
     name: Option<String>,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
     seed: u64,
     /// Threads; all cores by default.
-    #[arg(long, value_parser = threads())]
+    #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
     threads: Option<usize>,
     /// Other identified ropes that the blob shall hold beside this one, as goals name them 1, 2 and so on: runs that have
     /// fitted them, or their model.toml. The policy learns this rope; how far it misses with the others is said.
@@ -191,10 +194,10 @@ struct VerifyArguments {
     #[arg(long)]
     quick: bool,
     /// Run this number of random scenes as well.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = count(0..=1_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = count::<usize>(0..=1_000_000), allow_negative_numbers = true)]
     random: usize,
     /// Seed of the random scenes.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
     seed: u64,
     /// Folder for verify.json, verify.txt and the plots.
     #[arg(long, value_name = "DIR")]
@@ -208,11 +211,12 @@ struct BenchDiagnosisArguments {
     #[arg(long)]
     quick: bool,
     /// Seeds per cell.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = count::<u64>(1..=1000),
+        allow_negative_numbers = true)]
     seeds: u64,
     /// First seed. Quoted figures come from seeds 1 and up; 1001 and up are for work on the diagnosis.
     #[arg(long, value_name = "SEED", default_value_t = 1,
-        value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+        value_parser = count::<u64>(0..=1_000_000_000), allow_negative_numbers = true)]
     first_seed: u64,
     /// Only cells whose name contains one of these; a whole name is that cell alone.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
@@ -227,7 +231,7 @@ struct BenchDiagnosisArguments {
     #[arg(long, value_name = "DIR", default_value = "runs/bench-diagnosis")]
     out: PathBuf,
     /// Threads; all cores by default. With one, the time of a cell is that of one core.
-    #[arg(long, value_parser = threads())]
+    #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
     threads: Option<usize>,
 }
 
@@ -236,6 +240,18 @@ const WRONG_USE: u8 = 2;
 
 /// Exit code after Ctrl-C, as shells count it.
 const STOPPED: u8 = 130;
+
+/// The command line, or what wrong use of it ends with: one line and an exit code. A question for help is answered here.
+pub fn arguments() -> Result<Arguments, ExitCode> {
+    Arguments::try_parse().map_err(|error| {
+        if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+            error.exit();
+        }
+        let words = error.to_string();
+        note_line(words.strip_prefix("error: ").unwrap_or(&words));
+        ExitCode::from(WRONG_USE)
+    })
+}
 
 /// Runs a command and turns its result into an exit code: 0 done, 1 failed, 2 wrong use, which mostly
 /// clap itself answers, 130 stopped.
@@ -263,24 +279,23 @@ pub fn run(arguments: Arguments) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_stop(&error) => {
-            note(format_args!("offline: {error}"));
+            note_line(error);
             ExitCode::from(STOPPED)
         }
         Err(error) if error.is::<WrongUse>() => {
-            note(format_args!("offline: {error}"));
+            note_line(error);
             ExitCode::from(WRONG_USE)
         }
         Err(error) => {
-            note_error(&error);
+            note_line(format_args!("{error:#}"));
             ExitCode::FAILURE
         }
     }
 }
 
-/// One line: what went wrong, and the causes behind it.
-fn note_error(error: &anyhow::Error) {
-    let line = format!("{error:#}").replace('\n', " ");
-    note(format_args!("offline: {line}"));
+/// One line that says what went wrong.
+fn note_line(words: impl Display) {
+    note(format_args!("offline: {}", OneLine(words)));
 }
 
 fn is_stop(error: &anyhow::Error) -> bool {

@@ -1,7 +1,6 @@
 //! Numbers of the command line: what is out of range is wrong use, and clap says so with the range.
 
-use clap::builder::RangedU64ValueParser;
-use std::ops::RangeBounds;
+use std::ops::RangeInclusive;
 
 /// A number that is neither infinite nor NaN.
 pub fn finite(text: &str) -> Result<f64, String> {
@@ -28,11 +27,17 @@ pub fn within([low, high]: [f64; 2]) -> impl Fn(&str) -> Result<f64, String> + C
 }
 
 /// A count in a range.
-pub fn count(range: impl RangeBounds<u64>) -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(range)
+pub fn count<T: TryFrom<u64>>(
+    range: RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
+    move |text: &str| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let number = number.and_then(|number| T::try_from(number).ok());
+        number.ok_or_else(|| format!("give a whole number from {} to {}", range.start(), range.end()))
+    }
 }
 
 /// Threads: more than any machine has are a typing error.
-pub fn threads() -> RangedU64ValueParser<usize> {
+pub fn threads() -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
     count(1..=1024)
 }

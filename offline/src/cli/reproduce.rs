@@ -32,13 +32,13 @@ pub enum Reproduce {
         #[arg(long, value_enum, default_value = "sampled")]
         data: Source,
         /// True ropes; the paper's five by default.
-        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
+        #[arg(long, default_value_t = 5, value_parser = count::<u64>(1..=1000), allow_negative_numbers = true)]
         truths: u64,
         /// Simulated demonstrations that PointNet++ learns from; 0 leaves it out.
-        #[arg(long, value_parser = clap::value_parser!(u64).range(0..=1_000_000))]
+        #[arg(long, value_parser = count::<u64>(0..=1_000_000), allow_negative_numbers = true)]
         pointnet_demonstrations: Option<u64>,
         /// Passes that PointNet++ makes over them.
-        #[arg(long, value_parser = count(1..=100_000))]
+        #[arg(long, value_parser = count::<usize>(1..=100_000), allow_negative_numbers = true)]
         pointnet_epochs: Option<usize>,
         /// Only these estimators: each takes a minute, with the paper's 150 steps of Adam some. Leaves PointNet++ out, which
         /// takes 40 minutes to learn from as many demonstrations as the paper's, in 30 passes.
@@ -55,7 +55,7 @@ pub enum Reproduce {
         #[arg(long, num_args = 1.., value_name = "DIR")]
         demo: Vec<PathBuf>,
         /// Random starts of the paper's estimator.
-        #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+        #[arg(long, value_parser = count::<u64>(1..=1000), allow_negative_numbers = true)]
         starts: Option<u64>,
     },
     /// How often the 95 % intervals of our fit hold the truth, over random ropes before two cameras.
@@ -73,7 +73,7 @@ pub enum Reproduce {
 #[derive(Args)]
 pub struct Intervals {
     /// Demonstrations.
-    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    #[arg(long, default_value_t = 200, value_parser = count::<u64>(1..=10_000), allow_negative_numbers = true)]
     demonstrations: u64,
     /// How the data differ from the simulation that is fitted.
     #[arg(long, value_enum, default_value = "sampled")]
@@ -82,13 +82,13 @@ pub struct Intervals {
     #[arg(long, default_value_t = 2.0, value_parser = above_zero, allow_negative_numbers = true)]
     noise_mm: f64,
     /// Seed of ropes, starts and noise.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/coverage")]
     out: PathBuf,
     /// Threads; all cores by default.
-    #[arg(long, value_parser = threads())]
+    #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
     threads: Option<usize>,
 }
 
@@ -99,16 +99,16 @@ pub struct Policies {
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
     /// Rollouts that each policy learns from; the preset's by default, the paper's are 2271.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(50..=1_000_000))]
+    #[arg(long, value_parser = count::<u64>(50..=1_000_000), allow_negative_numbers = true)]
     rollouts: Option<u64>,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of rollouts and tables; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/policies")]
     out: PathBuf,
     /// Threads; all cores by default.
-    #[arg(long, value_parser = threads())]
+    #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
     threads: Option<usize>,
 }
 
@@ -119,19 +119,19 @@ pub struct Common {
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there. `runs/<table>` by default.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Steps of Adam; the preset's by default.
-    #[arg(long, value_parser = count(1..=100_000))]
+    #[arg(long, value_parser = count::<usize>(1..=100_000), allow_negative_numbers = true)]
     iterations: Option<usize>,
     /// Cells across the rope; the preset's by default.
     #[arg(long, value_parser = within(CELLS))]
     cells: Option<f64>,
     /// Threads; all cores by default.
-    #[arg(long, value_parser = threads())]
+    #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
     threads: Option<usize>,
 }
 

@@ -14,8 +14,8 @@ use offline::model::{Estimate, Structure};
 use offline::model_file::ModelFile;
 use offline::pipeline::{
     Beside, Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, beside, fit,
-    freeze_policy, holds_diagnosis, identify, learn, profile, refuse_beside, refuse_unnameable,
-    refuse_unswingable, rollouts,
+    freeze_policy, holds_diagnosis, identify, learn, profile, refuse_beside, refuse_strangers,
+    refuse_unnameable, refuse_unswingable, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -67,6 +67,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         .unwrap_or_else(|| Path::new("runs").join(&name));
     let run = RunFolder::open(&out)?;
     let _held = run.hold()?;
+    refuse_strangers(&run)?;
     if arguments.demo.is_empty() || holds_diagnosis(&run) {
         refuse_anothers(&run, &inputs)?;
     }

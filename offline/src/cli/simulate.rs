@@ -1,5 +1,6 @@
 //! `offline simulate`: what a rope does, moved as in a demonstration or let go in a swing.
 
+use super::WrongUse;
 use super::numbers::{finite, within};
 use super::output::{note, print};
 use super::runs::shipped;
@@ -107,7 +108,16 @@ impl Rope {
             Some(model) => model.structure()?,
             None => (Structure::default(), Vec::new()),
         };
-        for effect in &arguments.effect {
+        for (k, effect) in arguments.effect.iter().enumerate() {
+            if arguments.effect[..k]
+                .iter()
+                .any(|other| other.index == effect.index)
+            {
+                let id = effects::ALL[effect.index].id;
+                anyhow::bail!(WrongUse(format!(
+                    "--effect {id} stands there twice: give it once"
+                )));
+            }
             replace(&mut structure, &mut values, effect);
         }
         let of_model = |k: usize| model.as_ref().map(|model| model.elasticity[k].value);

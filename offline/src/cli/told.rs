@@ -6,7 +6,7 @@ use offline::diagnose::Advice;
 use offline::model::Estimate;
 use offline::pipeline::{Beside, Identified, Learned};
 use offline::residual::ResidualSummary;
-use offline::words::{metres, with_error, with_unit};
+use offline::words::{with_error, with_unit};
 use std::collections::BTreeMap;
 
 pub(super) fn say_identified(identified: &Identified, reporter: &Reporter) {
@@ -98,7 +98,7 @@ pub(super) fn say_learned(learned: &Learned, reporter: &Reporter) {
     say_refusals(&learned.evaluation.refusals, reporter);
     reporter.say(&format!(
         "this rope reaches goals from {}",
-        metres(&learned.reach_m)
+        learned.reach_m.metres()
     ));
 }
 
@@ -109,7 +109,7 @@ pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {
             "rope {}, {}: reaches goals from {}, |goal - reached| {:.1} ± {:.1} mm over n = {} of them",
             index + 1,
             other.model.name,
-            metres(&other.reach_m),
+            other.reach_m.metres(),
             miss.mean_mm,
             miss.spread_mm,
             miss.count
