@@ -7,6 +7,7 @@ use crate::fit::{FitResult, StopReason, estimates};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{FileError, RunFolder, write_whole};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// What `model.toml` says instead of a verdict where nobody has looked for missing effects.
 pub const NOT_DIAGNOSED: &str = "not diagnosed: `offline diagnose` says what the model lacks";
@@ -67,21 +68,55 @@ impl FitFile {
     }
 }
 
-/// Removes what follows from a diagnosis of other data or settings: beside the new files it would pass for theirs. The
-/// policy stays; who reads it is warned that it was frozen from another model.
-///
-/// # Errors
-/// A file cannot be removed.
-pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<(), FileError> {
-    let others = [
+/// What follows from a diagnosis.
+fn followers(run: &RunFolder) -> [PathBuf; 6] {
+    [
         run.diagnosis(),
         run.profile(),
         run.base_profile(),
         run.tables(),
         run.report(),
         run.evaluation(),
+    ]
+}
+
+/// Refuses a folder that holds files by the names of a run's, but no run: they are somebody's, and would be removed or
+/// replaced.
+///
+/// # Errors
+/// The folder is such a one.
+pub fn refuse_strangers(run: &RunFolder) -> anyhow::Result<()> {
+    // One of these is there from the first fit on.
+    let is_run = [run.memory(), run.fit(), run.model()]
+        .iter()
+        .any(|path| path.exists());
+    let others = [
+        run.residual(),
+        run.weights(),
+        run.training(),
+        run.blob(),
+        run.record(),
     ];
-    for path in others {
+    let stranger = followers(run)
+        .into_iter()
+        .chain(others)
+        .find(|path| path.exists());
+    match stranger {
+        Some(file) if !is_run => anyhow::bail!(
+            "{} is there, but no run that left it: give the run a folder of its own with --out",
+            file.display()
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// Removes what follows from a diagnosis of other data or settings: beside the new files it would pass for theirs. The
+/// policy stays; who reads it is warned that it was frozen from another model.
+///
+/// # Errors
+/// A file cannot be removed.
+pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<(), FileError> {
+    for path in followers(run) {
         if path.exists() {
             progress(&format!(
                 "{} is of other data or settings: removed",
@@ -147,14 +182,7 @@ mod tests {
     fn what_follows_from_other_data_goes_and_the_policy_stays() {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::open(folder.path()).unwrap();
-        let gone = [
-            run.diagnosis(),
-            run.profile(),
-            run.base_profile(),
-            run.tables(),
-            run.report(),
-            run.evaluation(),
-        ];
+        let gone = followers(&run);
         let stay = [run.blob(), run.weights()];
         for path in gone.iter().chain(&stay) {
             write_whole(path, b"of other data").unwrap();
@@ -165,5 +193,18 @@ mod tests {
             "it would pass for the new data's"
         );
         assert!(stay.iter().all(|path| path.exists()));
+    }
+
+    #[test]
+    fn a_folder_with_a_strangers_report_is_no_runs() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::open(folder.path()).unwrap();
+        write_whole(&folder.path().join("notes.txt"), b"mine").unwrap();
+        refuse_strangers(&run).unwrap();
+        write_whole(&run.report(), b"mine").unwrap();
+        let refused = refuse_strangers(&run).unwrap_err().to_string();
+        assert!(refused.contains("report.html is there, but no run"), "{refused}");
+        write_whole(&run.model(), b"of a run").unwrap();
+        refuse_strangers(&run).unwrap();
     }
 }

@@ -14,7 +14,7 @@ mod settings;
 
 #[cfg(feature = "train")]
 pub use beside::{Beside, beside, refuse_beside};
-pub use fit::{NOT_DIAGNOSED, fit};
+pub use fit::{NOT_DIAGNOSED, fit, refuse_strangers};
 pub use identify::{Identified, holds_diagnosis, identify};
 #[cfg(feature = "train")]
 pub use learn::{Learned, freeze_policy, learn, refuse_unswingable, rollouts};
