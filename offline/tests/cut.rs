@@ -75,6 +75,21 @@ fn a_part_from_the_middle_begins_at_zero_where_the_clamp_was() {
 }
 
 #[test]
+fn a_rope_whose_clamp_moves_is_not_at_rest() {
+    let refused = recording().cut(0.55, 1.3, StartState::Rest).unwrap_err();
+    assert!(refused.to_string().contains("a clamp moves at 0.6"), "{refused}");
+    let mut held = recording();
+    let still = held.clamps[0][0];
+    for sample in &mut held.clamps[0] {
+        *sample = ClampSample {
+            t_s: sample.t_s,
+            ..still
+        };
+    }
+    held.cut(0.55, 1.3, StartState::Rest).unwrap();
+}
+
+#[test]
 fn parts_of_parts_are_those_of_the_whole() {
     let whole = recording();
     let once = whole.cut(0.95, 1.65, StartState::Moving).unwrap();
@@ -97,7 +112,7 @@ fn clouds_of_a_rope_in_motion_begin_no_part() {
         refused.contains("the part begins at 1 s") && refused.contains("--start rest"),
         "{refused}"
     );
-    assert!(clouds.cut(1.0, 1.5, StartState::Rest).is_ok());
+    assert!(clouds.cut(2.7, 3.1, StartState::Rest).is_ok());
 }
 
 #[test]

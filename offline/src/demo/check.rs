@@ -204,8 +204,7 @@ fn rope(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
             "give it in metres, from 0.0002 to 0.2 and at most half the length",
         );
     }
-    let volume = std::f64::consts::FRAC_PI_4 * rope.diameter_m.powi(2) * rope.length_m;
-    let density = rope.mass_kg / volume;
+    let density = rope.density_kg_m3();
     if !DENSITIES.contains(&density) {
         return fail(
             "rope.mass_kg",

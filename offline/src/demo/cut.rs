@@ -12,7 +12,7 @@ impl Demo {
     ///
     /// # Errors
     /// Nothing was seen in that time, or a clamp closes in a part that leaves out the beginning: where it then grips
-    /// the rope is only known from there; or the rope moves where the part begins, and clouds do not say how fast.
+    /// the rope is only known from there; or the rope moves where the part begins, and clouds do not say how fast; or it is said to rest while a clamp moves.
     pub fn cut(&self, from_s: f64, to_s: f64, start: StartState) -> Result<Self, DemoError> {
         let fail =
             |problem: String, remedy: &str| Err(DemoError::new(Path::new(&self.name), problem, remedy));
@@ -60,6 +60,13 @@ impl Demo {
             part.spec.scene = SceneKind::Free;
             part.spec.start = start;
             part.shift(-first_s);
+            // The first frame of a clamp that moves counts as one at rest.
+            if start == StartState::Rest && !part.clamps.is_empty() && part.rest_frames(&part.times_s()) < 2 {
+                return fail(
+                    format!("a clamp moves at {first_s} s, where the rope is said to rest"),
+                    "begin where the clamps stand still and the rope has come to rest",
+                );
+            }
         } else {
             part.set_clock();
         }

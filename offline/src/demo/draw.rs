@@ -1,7 +1,7 @@
 //! A demonstration as a picture: the rope from the side and from above at several times.
 
 use super::{Demo, Observations};
-use crate::plot::{FAINT, FRAME_PX, INK, Mark, Panel, Series, interval, ramp, svg};
+use crate::plot::{FAINT, FRAME_PX, INK, Mark, Panel, Scales, Series, interval, ramp, svg};
 use std::ops::Range;
 
 /// How many instants are shown.
@@ -130,7 +130,7 @@ fn view(demo: &Demo, shown: &[Instant], axis: usize, from: &str) -> Panel {
         size_px: FRAME_PX,
         x,
         y,
-        equal_scale: true,
+        scales: Scales::Equal,
         series,
     }
 }

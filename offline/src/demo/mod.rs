@@ -29,6 +29,7 @@ pub use write::refuse_to_replace;
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::FRAC_PI_4;
 
 /// Name and version of the folder format.
 pub const FORMAT: &str = "genorm-demo/1";
@@ -113,6 +114,13 @@ pub struct RopeSpec {
     /// where the mass is assumed, bending stiffness and not Young's modulus where the diameter is.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assumed: Vec<RopeMeasure>,
+}
+
+impl RopeSpec {
+    /// Mass per volume of the cylinder, kg/m³.
+    pub fn density_kg_m3(&self) -> f64 {
+        self.mass_kg / (FRAC_PI_4 * self.diameter_m.powi(2) * self.length_m)
+    }
 }
 
 fn is_zero(value: &f64) -> bool {

@@ -9,6 +9,9 @@ use std::ops::RangeInclusive;
 const REST_FRAMES: usize = 3;
 /// Speeds of a clamp that no lift or drag needs, m/s.
 const FAST_M_S: f64 = 3.0;
+/// Densities beyond which hardly any rope's lie, kg/m³.
+const FOAM_KG_M3: f64 = 15.0;
+const COPPER_KG_M3: f64 = 8960.0;
 /// Points in a cloud below which little is seen of a rope.
 const FEW_POINTS: usize = 20;
 
@@ -16,7 +19,6 @@ const FEW_POINTS: usize = 20;
 pub fn summary(demo: &Demo) -> String {
     let mut text = String::new();
     let rope = &demo.spec.rope;
-    let volume = std::f64::consts::FRAC_PI_4 * rope.diameter_m.powi(2) * rope.length_m;
     let scene = format!("{:?}", demo.spec.scene).to_lowercase();
     let _ = writeln!(
         text,
@@ -25,7 +27,7 @@ pub fn summary(demo: &Demo) -> String {
         rope.length_m,
         1e3 * rope.diameter_m,
         1e3 * rope.mass_kg,
-        rope.mass_kg / volume
+        rope.density_kg_m3()
     );
     if rope.end_mass_kg > 0.0 {
         let _ = writeln!(text, "end       carries {:.1} g", 1e3 * rope.end_mass_kg);
@@ -88,6 +90,7 @@ pub fn warnings(demo: &Demo) -> Vec<String> {
     found.extend(first_cloud(demo, &frames));
     found.extend(heights(demo, &frames));
     found.extend(reach(demo, &frames));
+    found.extend(density(demo));
     found.extend(plausible::contradictions(demo, &frames));
     if demo.spec.scene == SceneKind::Lift && demo.rest_frames(&demo.times_s()) < REST_FRAMES {
         found.push(format!(
@@ -96,6 +99,21 @@ pub fn warnings(demo: &Demo) -> Vec<String> {
         ));
     }
     found
+}
+
+/// A mass that fits no material that ropes are made of: hardly any is heavier than copper or lighter than foam.
+fn density(demo: &Demo) -> Option<String> {
+    let rope = &demo.spec.rope;
+    let kg_m3 = rope.density_kg_m3();
+    let which = match kg_m3 {
+        _ if kg_m3 > COPPER_KG_M3 => "heavier than copper",
+        _ if kg_m3 < FOAM_KG_M3 => "lighter than foam",
+        _ => return None,
+    };
+    Some(format!(
+        "rope.mass_kg = {}, rope.diameter_m and rope.length_m make {kg_m3:.0} kg/m³, {which}: check their units; E is wrong          by the factor by which the mass is",
+        rope.mass_kg
+    ))
 }
 
 /// What was seen at one instant, whatever the sensor.
@@ -390,6 +408,15 @@ mod tests {
         ] {
             assert!(text.contains(figure), "no '{figure}' in\n{text}");
         }
+    }
+
+    #[test]
+    fn a_mass_that_no_rope_of_that_size_has_is_noticed() {
+        let mut demo = shipped();
+        demo.spec.rope.mass_kg *= 10.0;
+        warned(&demo, "heavier than copper");
+        demo.spec.rope.mass_kg *= 1e-3;
+        warned(&demo, "lighter than foam");
     }
 
     #[test]

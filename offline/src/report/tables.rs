@@ -1,6 +1,6 @@
 //! `tables.md`: the figures of a run as tables of plain text.
 
-use super::answer::{density_kg_m3, in_paper_units, interval};
+use super::answer::{in_paper_units, interval};
 use super::page::{effect_title, parameter_title};
 use super::ranking::{outcome, refit};
 use crate::demo::Demo;
@@ -19,7 +19,7 @@ pub fn tables(
     (outcome, profiles): (&Outcome, &[Profile]),
     policy: Option<&Evaluation>,
 ) -> String {
-    let density = demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
+    let density = demos.first().map(|demo| demo.spec.rope.density_kg_m3());
     let mut text = format!("# {title}\n\n{}\n\n", outcome.verdict);
     text += &parameters((outcome, profiles), density);
     text += &errors(outcome);

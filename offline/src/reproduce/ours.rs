@@ -95,7 +95,7 @@ pub fn fit_clouds(
         },
         ..Problem::of_scenes(vec![demo], vec![scene])
     };
-    let density = demo_density(demo);
+    let density = demo.spec.rope.density_kg_m3();
     let structure = Structure::default();
     let starts = (0..starts)
         .map(|index| theta(draw(WHOLE_RANGE, seed, index), density))
@@ -113,11 +113,6 @@ pub fn fit_clouds(
 /// Starts that are followed to the end.
 const FOLLOWED: usize = 2;
 const MOST_EVALUATIONS: usize = 20;
-
-fn demo_density(demo: &Demo) -> f64 {
-    let rope = &demo.spec.rope;
-    rope.mass_kg / (std::f64::consts::FRAC_PI_4 * rope.diameter_m.powi(2) * rope.length_m)
-}
 
 fn fitted(result: &FitResult, structure: &Structure, shift: &[f64], density: f64) -> Fitted {
     let list = estimates_within(&result.best, structure, shift);
