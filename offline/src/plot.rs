@@ -48,6 +48,18 @@ pub struct Series {
     pub points: Vec<[f64; 2]>,
 }
 
+/// How the two axes of a panel are scaled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scales {
+    /// Each as its interval asks.
+    Free,
+    /// Both alike; the shorter interval is widened.
+    Equal,
+    /// Each as its interval asks, with decades upwards: the interval along y begins above zero, and what lies below it is
+    /// drawn on its border.
+    DecadesUp,
+}
+
 /// A pair of axes with data.
 #[derive(Clone, Debug)]
 pub struct Panel {
@@ -61,8 +73,8 @@ pub struct Panel {
     pub x: Range<f64>,
     /// Shown interval along y.
     pub y: Range<f64>,
-    /// Whether both axes have the same scale; the shorter interval is then widened.
-    pub equal_scale: bool,
+    /// How the axes are scaled.
+    pub scales: Scales,
     /// Width and height, pixels.
     pub size_px: (u32, u32),
     /// Data, drawn in order.
@@ -130,11 +142,14 @@ pub fn ramp(share: f64) -> Colour {
     (mix(0), mix(1), mix(2))
 }
 
-/// Widens the shorter interval until both axes have the same scale in the panel's plotting area.
-fn equalised(panel: &Panel) -> (Range<f64>, Range<f64>) {
+/// The intervals as they are drawn: the shorter one is widened until both axes have the same scale in the panel's plotting
+/// area, or decades go up.
+fn shown(panel: &Panel) -> (Range<f64>, Range<f64>) {
     let (x, y) = (panel.x.clone(), panel.y.clone());
-    if !panel.equal_scale {
-        return (x, y);
+    match panel.scales {
+        Scales::Free => return (x, y),
+        Scales::DecadesUp => return (x, y.start.log10()..y.end.log10()),
+        Scales::Equal => (),
     }
     let across = f64::from(panel.size_px.0.saturating_sub(FRAME_PX.0).max(1));
     let up = f64::from(panel.size_px.1.saturating_sub(FRAME_PX.1).max(1));
@@ -150,7 +165,8 @@ type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
-    let (x, y) = equalised(panel);
+    let (x, y) = shown(panel);
+    let decades = panel.scales == Scales::DecadesUp;
     let text = ("sans-serif", TEXT_PX).into_font().color(&RGBColor(60, 60, 60));
     let title = ("sans-serif", TEXT_PX + 2).into_font().color(&BLACK);
     let (area, _) = area.split_horizontally(panel.size_px.0);
@@ -175,7 +191,13 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
         .x_labels(ticks(panel.size_px.0, FRAME_PX.0, 60))
         .y_labels(ticks(panel.size_px.1, FRAME_PX.1, 36))
         .x_label_formatter(&|value| tidy(*value))
-        .y_label_formatter(&|value| tidy(*value))
+        .y_label_formatter(&|value| {
+            if decades {
+                tidy(two_digits(10f64.powf(*value)))
+            } else {
+                tidy(*value)
+            }
+        })
         .axis_desc_style(text.clone())
         .label_style(text.clone())
         .bold_line_style(RGBColor(225, 225, 225))
@@ -183,7 +205,13 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
         .axis_style(RGBColor(120, 120, 120))
         .draw()?;
     for series in &panel.series {
-        draw_series(&mut chart, series)?;
+        let mut series = series.clone();
+        if decades {
+            for point in &mut series.points {
+                point[1] = point[1].max(panel.y.start).log10();
+            }
+        }
+        draw_series(&mut chart, &series)?;
     }
     if panel.series.iter().any(|series| !series.label.is_empty()) {
         chart
@@ -291,6 +319,11 @@ fn draw_series(chart: &mut Chart<'_>, series: &Series) -> Drawn {
     Ok(())
 }
 
+fn two_digits(value: f64) -> f64 {
+    let unit = 10f64.powf(value.log10().floor() - 1.0);
+    (value / unit).round() * unit
+}
+
 /// A tick's number with up to four digits after the point and no needless zeros.
 fn tidy(value: f64) -> String {
     let text = format!("{value:.4}");
@@ -313,7 +346,7 @@ mod tests {
             y_label: "y [m]".to_owned(),
             x: 0.0..1.0,
             y: 0.0..1.0,
-            equal_scale: true,
+            scales: Scales::Equal,
             size_px: (600, 300),
             series: vec![Series {
                 label: "points".to_owned(),
@@ -326,7 +359,7 @@ mod tests {
 
     #[test]
     fn equal_scale_means_as_many_metres_a_pixel_both_ways() {
-        let (x, y) = equalised(&panel(Vec::new()));
+        let (x, y) = shown(&panel(Vec::new()));
         let across = f64::from(600 - FRAME_PX.0);
         let up = f64::from(300 - FRAME_PX.1);
         assert!(((x.end - x.start) / across - (y.end - y.start) / up).abs() < 1e-12);
@@ -347,11 +380,11 @@ mod tests {
     fn a_legend_stands_where_nothing_is_drawn() {
         let corner = |points: &[[f64; 2]]| {
             let panel = panel(points.to_vec());
-            let (x, y) = equalised(&panel);
+            let (x, y) = shown(&panel);
             emptiest_corner(&panel, &x, &y)
         };
         assert!(matches!(corner(&[]), SeriesLabelPosition::UpperRight));
-        let (x, y) = equalised(&panel(Vec::new()));
+        let (x, y) = shown(&panel(Vec::new()));
         let upper_right = [x.end - 1e-3, y.end - 1e-3];
         let upper_left = [x.start + 1e-3, y.end - 1e-3];
         assert!(matches!(corner(&[upper_right]), SeriesLabelPosition::UpperLeft));

@@ -45,4 +45,4 @@ pub use noise::{LEAST_NOISE_SCALE, Noise};
 pub use round::{Refit, Round};
 pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
 pub use score::{Score, ScoreTable, Subset, Untested};
-pub use verdict::{ReasonCode, Verdict};
+pub use verdict::{ReasonCode, Verdict, size_in_words};

@@ -135,7 +135,7 @@ impl fmt::Display for Verdict {
 }
 
 /// The size of an effect of the registry, where people call it something else than its parameters.
-fn size_in_words(id: &str, parameters: &[Estimate]) -> Option<String> {
+pub fn size_in_words(id: &str, parameters: &[Estimate]) -> Option<String> {
     let spec = &effects::ALL[effects::find(id)?];
     let value = |name: &str| {
         let mut of_effect = parameters

@@ -1,16 +1,14 @@
 //! The answer first: verdict, error before and after, parameters, reasons for caution.
 
 use super::ReportInput;
-use super::page::parameter_title;
-use crate::demo::RopeSpec;
-use crate::diagnose::Verdict;
+use super::page::{effect_title, parameter_title};
+use crate::diagnose::{Verdict, size_in_words};
 use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::paper_units::young_paper;
 use crate::residual::ResidualSummary;
 use crate::words::{significant, unit, with_error};
 use maud::{Markup, html};
-use std::f64::consts::FRAC_PI_4;
 
 pub(super) fn section(input: &ReportInput) -> Markup {
     let outcome = input.outcome;
@@ -18,12 +16,18 @@ pub(super) fn section(input: &ReportInput) -> Markup {
     let found = outcome.estimates();
     let before = ResidualSummary::of(&outcome.held_out_before);
     let after = ResidualSummary::of(&outcome.held_out_after);
-    let density = input.demos.first().map(|demo| density_kg_m3(&demo.spec.rope));
+    let density = input.demos.first().map(|demo| demo.spec.rope.density_kg_m3());
     html! {
         div class=(format!("answer {}", tone(&outcome.verdict))) {
-            p.verdict { (outcome.verdict.to_string()) }
+            p.verdict { (headline(&outcome.verdict)) }
             p { (error_line(&before, &after)) }
-            p { (rope_line(&found)) }
+            p { "Rope: " (list(&found[..2])) "." }
+            @if let Verdict::Explained { effects, parameters } = &outcome.verdict {
+                p { "The model lacked: " (list(parameters)) "." }
+                @for words in effects.iter().filter_map(|id| size_in_words(id, parameters)) {
+                    p { "That is " (words) "." }
+                }
+            }
             p { "Next: " (input.advice.next_demonstration.in_words) "." }
         }
         h3 { "Parameters" }
@@ -34,6 +38,29 @@ pub(super) fn section(input: &ReportInput) -> Markup {
         } @else {
             ul { @for reason in &outcome.reasons { li { (reason.to_string()) } } }
         }
+    }
+}
+
+/// The verdict with names for people; the sizes of what explains stand below it.
+pub(super) fn headline(verdict: &Verdict) -> String {
+    let titles = |ids: &[String]| ids.iter().map(|id| effect_title(id).to_owned()).collect();
+    match verdict {
+        Verdict::Explained { effects, .. } => Verdict::Explained {
+            effects: titles(effects),
+            parameters: Vec::new(),
+        }
+        .to_string(),
+        Verdict::Confounded {
+            found,
+            effects,
+            separating_demonstration,
+        } => Verdict::Confounded {
+            found: titles(found),
+            effects: titles(effects),
+            separating_demonstration: separating_demonstration.clone(),
+        }
+        .to_string(),
+        other => other.to_string(),
     }
 }
 
@@ -64,10 +91,10 @@ pub(super) fn error_line(before: &ResidualSummary, after: &ResidualSummary) -> M
     }
 }
 
-fn rope_line(found: &[Estimate]) -> Markup {
+/// Parameters one after the other.
+fn list(found: &[Estimate]) -> Markup {
     html! {
-        "Rope: "
-        @for (index, estimate) in found.iter().take(2).enumerate() {
+        @for (index, estimate) in found.iter().enumerate() {
             @if index > 0 { ", " }
             @if estimate.identified {
                 (parameter_title(&estimate.name, &estimate.unit)) " = " b { (value(estimate)) }
@@ -75,12 +102,7 @@ fn rope_line(found: &[Estimate]) -> Markup {
                 (parameter_title(&estimate.name, &estimate.unit)) " not identified"
             }
         }
-        "."
     }
-}
-
-pub(super) fn density_kg_m3(rope: &RopeSpec) -> f64 {
-    rope.mass_kg / (rope.length_m * FRAC_PI_4 * rope.diameter_m.powi(2))
 }
 
 /// Value, standard error and unit; moduli in MPa.

@@ -1,4 +1,4 @@
-//! Residual maps over arc length and time, drawn as SVG on one colour scale.
+//! Residual maps over arc length and time, drawn as SVG: two on one colour scale, and the second on its own.
 
 use super::DemoView;
 use super::page::hex;
@@ -17,11 +17,12 @@ const UNSEEN: &str = "#ececec";
 
 const WIDTH: f64 = 1000.0;
 const HEIGHT: f64 = 250.0;
-const MAP_WIDTH: f64 = 370.0;
+const MAP_WIDTH: f64 = 222.0;
 const MAP_HEIGHT: f64 = 180.0;
 const MAP_TOP: f64 = 26.0;
-const MAP_LEFT: [f64; 2] = [52.0, 498.0];
-const BAR_LEFT: f64 = 902.0;
+const MAP_LEFT: [f64; 3] = [52.0, 340.0, 708.0];
+/// Of each scale's bar: beside the second and the third map.
+const BAR_LEFT: [f64; 2] = [576.0, 944.0];
 
 /// A colour scale from zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,13 +57,15 @@ fn colour(step: usize) -> String {
     hex(ramp((step as f64 + 0.5) / STEPS as f64))
 }
 
-/// Two maps of one demonstration and the bar of the scale.
-pub(super) fn pair(before: &DemoView, after: &DemoView, scale: Scale) -> Markup {
+/// The maps of one demonstration on the scale of both models and on that of the second alone, and the bars of both scales.
+pub(super) fn triple(before: &DemoView, after: &DemoView, both: Scale, own: Scale) -> Markup {
     let mut body = String::new();
-    for (view, (title, left)) in [before, after]
-        .into_iter()
-        .zip(["base model", "final model"].into_iter().zip(MAP_LEFT))
-    {
+    let maps = [
+        (before, both, "base model"),
+        (after, both, "final model"),
+        (after, own, "final model, own scale"),
+    ];
+    for ((view, scale, title), left) in maps.into_iter().zip(MAP_LEFT) {
         let _ = write!(
             body,
             "<g transform=\"translate({left} {MAP_TOP})\"><text x=\"0\" y=\"-9\" font-size=\"14\">{title}</text>"
@@ -71,7 +74,9 @@ pub(super) fn pair(before: &DemoView, after: &DemoView, scale: Scale) -> Markup 
         axes(&mut body, &view.residual);
         body.push_str("</g>");
     }
-    bar(&mut body, scale);
+    for (scale, left) in [both, own].into_iter().zip(BAR_LEFT) {
+        bar(&mut body, scale, left);
+    }
     html! {
         svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) width=(WIDTH) height=(HEIGHT) role="img"
             font-family="system-ui,sans-serif" font-size="12" fill="#333" {
@@ -113,7 +118,8 @@ fn map(body: &mut String, residual: &ResidualMap, scale: Scale) {
     for (column, frames) in residual.offsets_mm.chunks(stride).enumerate() {
         let first = column * stride;
         let x = MAP_WIDTH * share(&times, times[first]);
-        let width = MAP_WIDTH * share(&times, times[first + frames.len()]) - x;
+        // A little into the next column, or pixels between the two stay empty.
+        let width = MAP_WIDTH * share(&times, times[first + frames.len()]) - x + 0.4;
         for station in 0..residual.arcs_m.len() {
             let seen: Vec<f64> = frames
                 .iter()
@@ -144,7 +150,7 @@ fn map(body: &mut String, residual: &ResidualMap, scale: Scale) {
 /// Ticks and names of both axes.
 fn axes(body: &mut String, residual: &ResidualMap) {
     let (times, arcs) = (borders(&residual.times_s), borders(&residual.arcs_m));
-    for t in ticks(&times, 6) {
+    for t in ticks(&times, 4) {
         let x = MAP_WIDTH * share(&times, t);
         let (y, text) = (MAP_HEIGHT + 16.0, short(t));
         let _ = write!(
@@ -187,9 +193,9 @@ fn short(value: f64) -> String {
     if text == "-0" { "0" } else { text }.to_owned()
 }
 
-/// The bar of the colour scale.
-fn bar(body: &mut String, scale: Scale) {
-    let _ = write!(body, "<g transform=\"translate({BAR_LEFT} {MAP_TOP})\">");
+/// The bar of a colour scale.
+fn bar(body: &mut String, scale: Scale, left: f64) {
+    let _ = write!(body, "<g transform=\"translate({left} {MAP_TOP})\">");
     let height = MAP_HEIGHT / STEPS as f64;
     for step in 0..STEPS {
         let y = MAP_HEIGHT - (step + 1) as f64 * height;
@@ -209,5 +215,5 @@ fn bar(body: &mut String, scale: Scale) {
             y + 4.0
         );
     }
-    body.push_str("<text x=\"0\" y=\"-9\">offset [mm]</text></g>");
+    body.push_str("<text x=\"-12\" y=\"-9\">offset [mm]</text></g>");
 }

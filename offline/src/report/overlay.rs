@@ -3,7 +3,7 @@
 use super::page::{BASE, FINAL, MEASURED, dot, figure_svg, key};
 use super::{DemoView, ReportInput};
 use crate::demo::{Demo, Observations};
-use crate::plot::{FAINT, FRAME_PX, Mark, Panel, Series, interval};
+use crate::plot::{FAINT, FRAME_PX, Mark, Panel, Scales, Series, interval};
 use maud::{Markup, html};
 use std::ops::Range;
 
@@ -61,7 +61,7 @@ fn panels_of(demo: &Demo, before: &DemoView, after: &DemoView, dots: usize) -> V
             y_label: "z [m]".to_owned(),
             x: 0.0..1.0,
             y: 0.0..1.0,
-            equal_scale: true,
+            scales: Scales::Equal,
             size_px: (WIDTH_PX, 0),
             series: vec![
                 series(

@@ -3,7 +3,7 @@
 use super::PolicySection;
 use super::page::{FINAL, NOISE, figure_svg};
 use crate::evaluate::{Evaluation, MissSummary};
-use crate::plot::{Mark, Panel, Series, interval};
+use crate::plot::{Mark, Panel, Scales, Series, interval};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -92,7 +92,7 @@ fn scatter(evaluation: &Evaluation) -> Panel {
         y_label: "reached x [m]".to_owned(),
         x: all.clone(),
         y: all.clone(),
-        equal_scale: true,
+        scales: Scales::Equal,
         size_px: FIGURE_PX,
         series: vec![
             series(NOISE, Mark::Line(1), vec![[all.start; 2], [all.end; 2]]),
@@ -146,7 +146,7 @@ pub(super) fn misses(evaluation: &Evaluation) -> Panel {
         y_label: y_label.to_owned(),
         x,
         y: 0.0..1.05 * top,
-        equal_scale: false,
+        scales: Scales::Free,
         size_px: FIGURE_PX,
         series: vec![data],
     }

@@ -147,6 +147,7 @@ fn ranking(round: &Round) -> Markup {
             "Score: drop of the sum of squares, in units of the noise, that the effect would bring to first "
             "order. Threshold: in 95 % of pseudo-data that hold noise and the error of the grid ("
             (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect, no effect’s score exceeds its own. "
+            "One-step estimate: where one linear step ends; a step too far may end where nothing is physical. "
             "Absorbed: share of the effect’s trace that the model’s parameters and a shifted camera can imitate."
         }
     }
@@ -200,6 +201,9 @@ fn one_step(score: &Score) -> Markup {
                 span.quiet { (without_unit(spec.name, spec.unit)) } " "
                 @if error.is_finite() && (*estimate != 0.0 || *error > 0.0) {
                     (with_error(spec.vanishes_at + estimate, *error)) " " (unit(spec.unit))
+                    @if !(spec.low..=spec.high).contains(&(spec.vanishes_at + estimate)) {
+                        " " span.no { "(not physical)" }
+                    }
                 } @else {
                     "held at " (significant(spec.vanishes_at))
                 }

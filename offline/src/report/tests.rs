@@ -1,6 +1,7 @@
 //! The page is self-contained, its scales compare like with like, and it escapes what it is given.
 
-use super::maps::{Scale, pair};
+use super::answer::headline;
+use super::maps::{Scale, triple};
 use super::*;
 use crate::demo::CloudFrame;
 use crate::demo::Observations;
@@ -299,6 +300,25 @@ fn the_answer_comes_first_in_mm_and_in_floors() {
 }
 
 #[test]
+fn effects_are_named_as_people_do() {
+    let ids = |ids: &[&str]| ids.iter().map(ToString::to_string).collect();
+    let explained = Verdict::Explained {
+        effects: ids(&["tip_mass", "air_drag"]),
+        parameters: Vec::new(),
+    };
+    assert_eq!(headline(&explained), "explained: tip mass and air drag");
+    let confounded = Verdict::Confounded {
+        found: ids(&["tip_mass"]),
+        effects: ids(&["tilted_gravity", "steady_wind"]),
+        separating_demonstration: "turn the rig".to_owned(),
+    };
+    assert_eq!(
+        headline(&confounded),
+        "confounded: tip mass found; besides, tilted gravity or steady wind fit equally well; turn the rig"
+    );
+}
+
+#[test]
 fn what_is_left_is_shown_as_a_force_with_what_describes_it() {
     let page = report();
     assert!(page.contains("A force of &lt;0.2&gt; of its weight."));
@@ -319,10 +339,12 @@ fn maps_before_and_after_share_one_colour_scale() {
             .map(|part| part[..7].to_owned())
             .collect()
     };
-    let both = fills(pair(&before, &after, scale));
-    assert_eq!(both.len(), 2, "one colour in each map");
-    assert_ne!(both[0], both[1]);
-    assert_eq!(both[1], fills(pair(&after, &after, scale))[0]);
+    let own = Scale::over([&after].into_iter());
+    let all = fills(triple(&before, &after, scale, own));
+    assert_eq!(all.len(), 3, "one colour in each map");
+    assert_ne!(all[0], all[1]);
+    assert_eq!(all[1], fills(triple(&after, &after, scale, own))[0]);
+    assert_eq!(all[2], all[0], "the end of its own scale");
 }
 
 #[test]

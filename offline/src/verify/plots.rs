@@ -1,7 +1,7 @@
 //! The convergence studies as plots: error against thickness in cells.
 
 use super::study::{ALIGNMENTS, Study};
-use crate::plot::{FAINT, Mark, Panel, Series, interval, ramp};
+use crate::plot::{FAINT, Mark, Panel, Scales, Series, interval, ramp};
 
 /// One panel per study.
 pub fn panels(studies: &[Study]) -> Vec<Panel> {
@@ -39,7 +39,7 @@ fn panel(study: &Study) -> Panel {
         y_label: "error [%]".into(),
         x,
         y: interval(errors, 0.2, 1.0),
-        equal_scale: false,
+        scales: Scales::Free,
         size_px: (760, 300),
         series,
     }
