@@ -68,6 +68,9 @@ pub const STATUS_QUEUE: usize = 256;
 /// Records of cycles that wait for the file: two seconds at 1 kHz.
 pub const RECORD_QUEUE: usize = 2048;
 
+/// Silence of an arm's driver after which another one is heard in its place, ms.
+pub const DRIVER_SILENCE_MS: u64 = 250;
+
 /// Pause of the bridge between two rounds, µs: short beside the loop's period, so that few goals come too
 /// late for the next cycle, and long beside a round (2 µs).
 pub const BRIDGE_PAUSE_US: u64 = 250;

@@ -17,6 +17,7 @@ use shared::messages::{
 use std::mem::offset_of;
 use std::path::PathBuf;
 use std::process::{Child, Command as Process, Output, Stdio};
+use std::time::Instant;
 
 /// The layout of a message. Every field is named here: one that is not listed does not compile.
 macro_rules! layout {
@@ -364,6 +365,29 @@ fn the_mujoco_bridge_swings_a_simulated_arm() {
     let end = await_status(&mut client, &mut targets, |status| status.finished_goal_id == id);
     assert_eq!(end.finished_reason, Reason::Done.code(), "within {PATIENCE:?}");
     assert_eq!(end.latch_reason, Reason::Accepted.code());
+}
+
+/// Two drivers would be one arm in two places.
+#[test]
+fn a_second_driver_is_not_heard_and_is_told_of() {
+    let world = World::new();
+    let _controller = world.controller(&[]);
+    let _robot = world.robot();
+    let (mut client, mut targets) = (world.client(), Vec::new());
+    await_status(&mut client, &mut targets, idle);
+    let _second = world.robot();
+    let told = || {
+        let log = std::fs::read_to_string(world.path("log")).expect("a log");
+        log.contains("a second driver of the arm reports")
+    };
+    let end = Instant::now() + PATIENCE;
+    while !told() {
+        assert!(Instant::now() < end, "it is told within {PATIENCE:?}");
+        await_status(&mut client, &mut targets, |_| true);
+    }
+    let id = client.send_goal(0, 0.33).expect("sent");
+    let end = await_status(&mut client, &mut targets, |status| status.finished_goal_id == id);
+    assert_eq!(end.finished_reason, Reason::Done.code());
 }
 
 /// A driver that is killed and started anew finds its arm elsewhere than the last target: the simulated arm

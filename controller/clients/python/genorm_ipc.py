@@ -23,6 +23,7 @@ import time
 PROTOCOL = 2
 ICEORYX2 = "0.10"
 JOINTS = 7
+SILENCE_S = 1.0  # a live controller sends a status every 0.1 s
 
 _u32, _u64, _f64 = ctypes.c_uint32, ctypes.c_uint64, ctypes.c_double
 _joints = _f64 * JOINTS
@@ -195,6 +196,7 @@ class Reason(enum.IntEnum):
     NOT_READY = 21
     LATCHED = 22
     HOMING_TOO_LOW = 23
+    JOINT_OUT_OF_RANGE = 24
     EMERGENCY_STOP = 40
     ROBOT_SILENT = 41
     FOLLOWING_ERROR = 42
@@ -376,15 +378,21 @@ class Client:
         return self._next(self._targets, JointTarget)
 
     def wait_status(self, wanted=lambda status: True, patience_s=2.0):
-        """The next status that `wanted` accepts; raises TimeoutError when none comes in time."""
-        end = time.monotonic() + patience_s
-        while time.monotonic() < end:
+        """The next status that `wanted` accepts; raises TimeoutError when none comes in time, or when the controller
+        falls silent before."""
+        heard = time.monotonic()
+        end = heard + patience_s
+        while (now := time.monotonic()) < end:
             status = self.next_status()
-            if status is None:
+            if status is not None:
+                heard = now
+                if wanted(status):
+                    return status
+            elif now - heard > SILENCE_S:
+                raise TimeoutError("the controller fell silent: is it still running?")
+            else:
                 time.sleep(0.001)
-            elif wanted(status):
-                return status
-        raise TimeoutError("no such status came: is the controller still running?")
+        raise TimeoutError(f"no such status came within {patience_s:g} s")
 
     def arm(self):
         """The arm's side of the connection, for drivers and simulated arms."""
