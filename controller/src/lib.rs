@@ -27,6 +27,7 @@ pub mod plan;
 pub mod policy_file;
 pub mod program;
 pub mod promise;
+pub mod readiness;
 pub mod recorder;
 pub mod ring;
 pub mod rt;

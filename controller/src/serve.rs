@@ -144,6 +144,13 @@ pub fn serve(options: &Options) -> Result<()> {
         targets_hz: options.rate.targets_hz(),
         machine: rt::describe(header.degraded),
     });
+    for (rope, entry) in policy.blob.ropes.iter().enumerate() {
+        voice.say(Event::Rope {
+            rope,
+            name: entry.name.as_str().to_owned(),
+            reach_m: [entry.reach_m.low, entry.reach_m.high],
+        });
+    }
     let newest = carry(&mut bridge, &queues, &thread, &voice);
     let recorded = recorder.map_or(Ok(()), Recorder::finish);
     let timing = thread.join().map_err(|_| anyhow!("the loop's thread panicked"))?;

@@ -16,15 +16,14 @@
 //!  A shutdown leads through Stopping to Ended; where nothing moves, Ended and Fault are reached at once.
 //! ```
 
-use crate::constants::{
-    FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, STATUS_EVERY_NS, STILL_RAD_S,
-};
+use crate::constants::{FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, STATUS_EVERY_NS};
 use crate::guard::{Brake, Guard};
 pub use crate::interface::{Inputs, Output, Setup};
 use crate::plan::{self, LEGS, Pace, Plan, Start};
 use crate::promise::Promise;
+use crate::readiness;
 use crate::survey::Survey;
-use shared::arm::{self, Joints, LEVEL_POSTURE_RAD};
+use shared::arm::{Joints, LEVEL_POSTURE_RAD};
 use shared::messages::{
     COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason,
     RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
@@ -279,9 +278,7 @@ impl Controller {
     }
 
     fn robot_at_rest(&self) -> bool {
-        !self.silent()
-            && self.robot.error_code == 0
-            && self.robot.dq_rad_s.iter().all(|speed| speed.abs() < STILL_RAD_S)
+        !self.silent() && readiness::at_rest(&self.robot)
     }
 
     /// An emergency stop is obeyed even without an id: what asks for it may be broken.
@@ -388,8 +385,8 @@ impl Controller {
     /// From waiting to idle once the arm stands still: a stream begins at the measured pose, in a cycle whose target is
     /// due, because an arm that moved between the two would be sent back to where it was.
     fn begin_stream(&mut self) {
-        let ready = matches!(self.mode, Mode::Waiting) && self.robot_at_rest();
-        if self.cycles_to_target != 1 || !ready || arm::joint_out_of_range(&self.robot.q_rad).is_some() {
+        let ready = !self.silent() && readiness::obstacle(&self.robot).is_none();
+        if self.cycles_to_target != 1 || !ready || !matches!(self.mode, Mode::Waiting) {
             return;
         }
         // Whoever moved it while no targets were sent, nobody asked for another state.
@@ -454,7 +451,10 @@ impl Controller {
             (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
             (Mode::Fault, _) => Err(Reason::Latched),
             (Mode::Ended, _) => Err(Reason::Shutdown),
-            (Mode::Waiting | Mode::Idle, _) => Err(Reason::NotReady),
+            (Mode::Waiting | Mode::Idle, _) if self.silent() => Err(Reason::NotReady),
+            (Mode::Waiting | Mode::Idle, _) => {
+                Err(readiness::obstacle(&self.robot).unwrap_or(Reason::NotReady))
+            }
         }
     }
 

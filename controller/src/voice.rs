@@ -7,6 +7,7 @@ use crate::timing::{Cost, Percentiles, Timing};
 use crate::words::Words;
 use serde::Serialize;
 use shared::messages::Status;
+use shared::task::Interval;
 use std::fmt;
 use std::io;
 use std::sync::mpsc::{self, SyncSender};
@@ -35,6 +36,15 @@ pub enum Event {
         targets_hz: f64,
         /// What the operating system refused, in words.
         machine: String,
+    },
+    /// A rope that goals may be for.
+    Rope {
+        /// What goals call it.
+        rope: usize,
+        /// Its name.
+        name: String,
+        /// Least and greatest goal that it was seen to reach, m.
+        reach_m: [f64; 2],
     },
     /// A goal was accepted or refused.
     GoalJudged {
@@ -143,6 +153,11 @@ impl fmt::Display for Event {
                  {targets_hz:.4} targets a second; {machine}",
                 cycle_ns / 1000
             ),
+            Self::Rope { rope, name, reach_m } => {
+                let [low, high] = *reach_m;
+                let reach = Interval { low, high };
+                write!(out, "rope {rope}, {name}, reaches goals from {}", reach.metres())
+            }
             Self::GoalJudged { goal_id, reason } => write!(out, "goal {goal_id}: {}", reason.text),
             Self::GoalEnded { goal_id, reason } => write!(out, "goal {goal_id} ended: {}", reason.text),
             Self::Latched { reason } => write!(out, "latched until a reset: {}", reason.text),

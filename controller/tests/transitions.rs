@@ -25,6 +25,17 @@ fn no_target_before_the_arm_is_measured_at_rest() {
     });
     world.run(10);
     assert!(world.targets.is_empty(), "the arm moves");
+    let refused = |world: &mut World| {
+        let goal = world.goal_at(0.33);
+        world.ask(goal)
+    };
+    assert_eq!(refused(&mut world), Reason::NotReady);
+    let mut twisted = LEVEL_POSTURE_RAD;
+    twisted[3] = -1.0;
+    world.arm = Some(arm_at(twisted));
+    world.run(10);
+    assert_eq!(refused(&mut world), Reason::JointOutOfRange);
+    assert!(world.targets.is_empty());
     let mut measured = LEVEL_POSTURE_RAD;
     measured[1] += 0.123;
     world.arm = Some(arm_at(measured));

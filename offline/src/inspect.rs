@@ -1,7 +1,7 @@
 //! What is in a `policy.blob`, for people and as JSON for machines.
 
 use crate::run_files::{Fnv64, RunFolder, hex, read_whole};
-use crate::words::{metres, with_error};
+use crate::words::with_error;
 use anyhow::Context;
 use serde::Serialize;
 use shared::blob::{Blob, FORMAT_VERSION, RopeEntry, TaskFrame, parse};
@@ -149,7 +149,7 @@ impl fmt::Display for BlobReport {
             self.demos.join(" ")
         )?;
         writeln!(f, "network {layers}, trained on")?;
-        writeln!(f, "  goals    {}", metres(&self.ranges.goal_x_m))?;
+        writeln!(f, "  goals    {}", self.ranges.goal_x_m.metres())?;
         let young = &self.ranges.young_pa;
         writeln!(
             f,
@@ -174,9 +174,9 @@ impl BlobReport {
     fn fmt_task(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (task, motion, frame) = (&self.task, &self.motion, &self.frame);
         writeln!(f, "task: clamp at ({:.3}, {:.3}) m", task.top_m[0], task.top_m[1])?;
-        writeln!(f, "  goals    {}", metres(&task.goal_x_m))?;
+        writeln!(f, "  goals    {}", task.goal_x_m.metres())?;
         let radius = self.region.radius_m;
-        let (x, z) = (metres(&self.region.x_m), metres(&self.region.z_m));
+        let (x, z) = (self.region.x_m.metres(), self.region.z_m.metres());
         writeln!(
             f,
             "  release  x {x}, z {z}, at most {radius:.3} m of rope to span"
@@ -223,7 +223,7 @@ impl fmt::Display for RopeReport {
             let size = with_error(effect.value, effect.se);
             writeln!(f, "  effect   {}: {} = {size}", effect.name, effect.parameter)?;
         }
-        writeln!(f, "  reaches  {}", metres(&rope.reach_m))?;
+        writeln!(f, "  reaches  {}", rope.reach_m.metres())?;
         for answer in &self.answers {
             let [x, z] = answer.release_m;
             writeln!(

@@ -1,7 +1,5 @@
 //! Numbers as people read them.
 
-use shared::task::Interval;
-
 /// Value ± standard error, both rounded to two significant digits of the error.
 pub fn with_error(value: f64, error: f64) -> String {
     if !error.is_finite() || error <= 0.0 {
@@ -58,15 +56,6 @@ pub fn duration(seconds: f64) -> String {
     } else {
         format!("{:.1} h", minutes / 60.0)
     }
-}
-
-/// A range of places in whole millimetres, none of which lies outside.
-pub fn metres(range: &Interval) -> String {
-    // 0.28 m is a little more than 280 mm.
-    const ROUNDING: f64 = 1e-6;
-    let low_mm = (1e3 * range.low - ROUNDING).ceil();
-    let high_mm = (1e3 * range.high + ROUNDING).floor();
-    format!("{:.3} to {:.3} m", 1e-3 * low_mm, 1e-3 * high_mm)
 }
 
 #[cfg(test)]

@@ -272,9 +272,10 @@ coded! {
         Unreachable = 18, "the arm cannot reach a pose of the motion within its joint ranges";
         TooFast = 19, "the motion would break a limit of speed, acceleration or jerk";
         Busy = 20, "another goal is being served";
-        NotReady = 21, "no pose of the arm yet that is measured, at rest and within the joint ranges";
+        NotReady = 21, "the arm does not report yet, or does not stand still";
         Latched = 22, "a fault is latched: reset first";
         HomingTooLow = 23, "on the way to the rope the flange would come below the height at which it touches the table";
+        JointOutOfRange = 24, "a joint of the arm stands outside its range";
         EmergencyStop = 40, "emergency stop";
         RobotSilent = 41, "the arm's state stopped coming";
         FollowingError = 42, "the arm is not where it was told to be";
@@ -313,6 +314,7 @@ impl Reason {
             Self::NotReady => "start the arm's driver; let the arm rest",
             Self::Latched => "look at the arm, then send a reset",
             Self::HomingTooLow => "move the arm by hand to a pose from which it may go straight to the rope",
+            Self::JointOutOfRange => "move the arm by hand into its joint ranges",
             Self::EmergencyStop => "look at the arm, then send a reset",
             Self::RobotSilent => "see to the arm's driver, then reset",
             Self::FollowingError => "see what holds the arm, then reset",

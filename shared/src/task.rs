@@ -1,10 +1,22 @@
 //! Geometry of the swing task in the vertical plane (x, z), origin on the table: where the rope
 //! hangs, where it may be released, which goals make sense. Numbers of the paper at 0.5 m a unit.
 
+use core::fmt::{Display, Formatter};
 use serde::{Deserialize, Serialize};
 
 /// How far before a point of the task, along its x, the gripper starts its approach and ends its retreat, m.
 pub const STANDOFF_M: f64 = 0.06;
+
+struct Metres {
+    low_mm: f64,
+    high_mm: f64,
+}
+
+impl Display for Metres {
+    fn fmt(&self, f: &mut Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:.3} to {:.3} m", 1e-3 * self.low_mm, 1e-3 * self.high_mm)
+    }
+}
 
 /// An interval, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,6 +43,16 @@ impl Interval {
         Self {
             low: other.clamp(self.low),
             high: other.clamp(self.high),
+        }
+    }
+
+    /// A range of places for people, in whole millimetres, none of which lies outside: "0.363 to 0.411 m".
+    pub fn metres(&self) -> impl Display {
+        // 0.28 m is a little more than 280 mm.
+        const ROUNDING: f64 = 1e-6;
+        Metres {
+            low_mm: libm::ceil(1e3 * self.low - ROUNDING),
+            high_mm: libm::floor(1e3 * self.high + ROUNDING),
         }
     }
 
@@ -105,5 +127,20 @@ impl SwingTask {
     pub fn span_m(&self, point_m: [f64; 2]) -> f64 {
         let touching = self.touching_m();
         libm::hypot(point_m[0] - touching[0], point_m[1] - touching[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::Interval;
+    use std::string::ToString;
+
+    #[test]
+    fn no_place_that_is_printed_lies_outside() {
+        let of = |low: f64, high: f64| Interval { low, high }.metres().to_string();
+        assert_eq!(of(0.3622, 0.4119), "0.363 to 0.411 m");
+        assert_eq!(of(0.275, 0.425), "0.275 to 0.425 m");
+        assert_eq!(of(0.28, 0.28), "0.280 to 0.280 m");
     }
 }
