@@ -364,7 +364,7 @@ pub(super) mod tests {
     /// 0.106 s and damping was no cause.
     #[test]
     fn a_finer_grid_is_asked_with_the_prior_that_held_the_estimate() {
-        let demos = recorded(&[part("internal_damping", 200.0), part("gripper_lag", 5.0)]);
+        let demos = recorded(&[part("internal_damping", 60.0), part("gripper_lag", 7.0)]);
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
         let before = base(&bench);
         let damping = effects::find("internal_damping").unwrap();

@@ -266,9 +266,22 @@ pub(super) mod tests {
 
     /// Where a model with some effects comes to soon.
     pub fn with(bench: &Bench, ids: &[&str]) -> Standing {
-        let structure = of_effects(ids);
-        let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
-        Standing::of(bench, structure, start.run(10).finish()).unwrap()
+        once(bench, ids, || {
+            let structure = of_effects(ids);
+            let start = Descent::at(&bench.fit, &structure, &structure.start(YOUNG_PA)).unwrap();
+            Standing::of(bench, structure, start.run(10).finish()).unwrap()
+        })
+    }
+
+    /// A model that is fitted once for all tests that ask for it with the same demonstration of [`recorded`].
+    fn once(bench: &Bench, ids: &[&str], fit: impl FnOnce() -> Standing) -> Standing {
+        type Fits = BTreeMap<(usize, String), Arc<OnceLock<KeptModel>>>;
+        static ALL: Mutex<Fits> = Mutex::new(Fits::new());
+        // What was recorded is kept for ever, so its place tells it apart.
+        let demo = std::ptr::from_ref(bench.fit.demos[0]).addr();
+        let of_these = Arc::clone(ALL.lock().unwrap().entry((demo, format!("{ids:?}"))).or_default());
+        let model = of_these.get_or_init(|| KeptModel::of(&fit()));
+        model.again(bench).unwrap()
     }
 
     /// What is told of a model whose last effect passed.
@@ -287,9 +300,11 @@ pub(super) mod tests {
 
     /// The base model's best.
     pub fn base(bench: &Bench) -> Standing {
-        let structure = Structure::default();
-        let fitted = fit_from(&bench.fit, &structure, vec![YOUNG_PA.ln(), 0.3], 12).unwrap();
-        Standing::of(bench, structure, fitted).unwrap()
+        once(bench, &[], || {
+            let structure = Structure::default();
+            let fitted = fit_from(&bench.fit, &structure, vec![YOUNG_PA.ln(), 0.3], 12).unwrap();
+            Standing::of(bench, structure, fitted).unwrap()
+        })
     }
 
     /// Names of the effects that stay of a model with a tip mass and a density gradient, fitted to a rope with these

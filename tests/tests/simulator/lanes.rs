@@ -16,6 +16,7 @@ use offline::sim::tensor::{norm, sub, value3};
 use offline::sim::{Arithmetic, Cause, Dual, Laned, Physics, Real, Rollout, simulate};
 use offline::verify::setup::{DIAMETER_M, rope};
 use shared::task::SwingTask;
+use tests::derivatives::LANES;
 
 fn paper_rope() -> RopeShape {
     rope(0.25, DIAMETER_M)
@@ -225,22 +226,21 @@ fn a_swing_reaches_the_same_point() {
 
 #[test]
 fn every_tangent_is_the_same() {
-    const N: usize = 16;
     let mut inputs = 0;
     with_every_effect(|k, v| {
         inputs = inputs.max(k + 1);
         v
     });
-    for first in (0..inputs).step_by(N) {
+    for first in (0..inputs).step_by(LANES) {
         let physics = with_every_effect(|k, v| {
-            if (first..first + N).contains(&k) {
-                Dual::<f64, N>::input(v, k - first)
+            if (first..first + LANES).contains(&k) {
+                Dual::<f64, LANES>::input(v, k - first)
             } else {
                 Dual::of(v)
             }
         });
         let [fast, slow] = both(&lift_seen(1.5, vec![0.03, 0.06]), &physics);
-        for input in first..inputs.min(first + N) {
+        for input in first..inputs.min(first + LANES) {
             let (largest, size) = tangents_apart(&fast, &slow, input - first);
             println!("input {input}: tangents up to {size:.2e} agree to {largest:.1e}");
             assert!(largest <= 1e-8 * size, "input {input}: {largest} of {size}");
