@@ -20,9 +20,9 @@ const HEIGHT: f64 = 250.0;
 const MAP_WIDTH: f64 = 222.0;
 const MAP_HEIGHT: f64 = 180.0;
 const MAP_TOP: f64 = 26.0;
-const MAP_LEFT: [f64; 3] = [52.0, 340.0, 708.0];
+const MAP_LEFT: [f64; 3] = [52.0, 340.0, 698.0];
 /// Of each scale's bar: beside the second and the third map.
-const BAR_LEFT: [f64; 2] = [576.0, 944.0];
+const BAR_LEFT: [f64; 2] = [576.0, 934.0];
 
 /// A colour scale from zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
