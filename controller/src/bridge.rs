@@ -46,7 +46,6 @@ impl Bridge {
 
     /// Carries everything that waits, once; `on_status` sees each status as it passes.
     pub fn round(&mut self, queues: &Queues, on_status: &mut dyn FnMut(&Status)) {
-        let now_ns = clock::now_ns();
         let mut failures = [
             // All that there can be: behind one client's flood another's emergency stop may wait.
             take(&self.commands, COMMANDS.waiting_max(), queues, |command, _| {
@@ -56,7 +55,7 @@ impl Bridge {
                 queues.put(&queues.goals, goal)
             }),
             take(&self.robots, REQUEST_QUEUE, queues, |robot, driver| {
-                if self.driver.counts(driver, now_ns) {
+                if self.driver.counts(driver, clock::now_ns()) {
                     queues.put(&queues.robots, robot);
                 }
             }),

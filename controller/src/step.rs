@@ -385,8 +385,8 @@ impl Controller {
     /// From waiting to idle once the arm stands still: a stream begins at the measured pose, in a cycle whose target is
     /// due, because an arm that moved between the two would be sent back to where it was.
     fn begin_stream(&mut self) {
-        let ready = !self.silent() && readiness::obstacle(&self.robot).is_none();
-        if self.cycles_to_target != 1 || !ready || !matches!(self.mode, Mode::Waiting) {
+        let due = matches!(self.mode, Mode::Waiting) && self.cycles_to_target == 1;
+        if !due || self.silent() || readiness::obstacle(&self.robot).is_some() {
             return;
         }
         // Whoever moved it while no targets were sent, nobody asked for another state.

@@ -81,6 +81,24 @@ pub struct Panel {
     pub series: Vec<Series>,
 }
 
+impl Panel {
+    /// How high a value is drawn.
+    fn up(&self, value: f64) -> f64 {
+        match self.scales {
+            Scales::DecadesUp => value.max(self.y.start).log10(),
+            Scales::Free | Scales::Equal => value,
+        }
+    }
+
+    /// The number at a tick that is drawn so high.
+    fn tick(&self, up: f64) -> String {
+        match self.scales {
+            Scales::DecadesUp => tidy(two_digits(10f64.powf(up))),
+            Scales::Free | Scales::Equal => tidy(up),
+        }
+    }
+}
+
 /// Panels below each other as one SVG document.
 pub fn svg(panels: &[Panel]) -> String {
     let width = panels.iter().map(|panel| panel.size_px.0).max().unwrap_or(1);
@@ -146,10 +164,8 @@ pub fn ramp(share: f64) -> Colour {
 /// area, or decades go up.
 fn shown(panel: &Panel) -> (Range<f64>, Range<f64>) {
     let (x, y) = (panel.x.clone(), panel.y.clone());
-    match panel.scales {
-        Scales::Free => return (x, y),
-        Scales::DecadesUp => return (x, y.start.log10()..y.end.log10()),
-        Scales::Equal => (),
+    if panel.scales != Scales::Equal {
+        return (x, panel.up(y.start)..panel.up(y.end));
     }
     let across = f64::from(panel.size_px.0.saturating_sub(FRAME_PX.0).max(1));
     let up = f64::from(panel.size_px.1.saturating_sub(FRAME_PX.1).max(1));
@@ -166,7 +182,6 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
     let (x, y) = shown(panel);
-    let decades = panel.scales == Scales::DecadesUp;
     let text = ("sans-serif", TEXT_PX).into_font().color(&RGBColor(60, 60, 60));
     let title = ("sans-serif", TEXT_PX + 2).into_font().color(&BLACK);
     let (area, _) = area.split_horizontally(panel.size_px.0);
@@ -191,13 +206,7 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
         .x_labels(ticks(panel.size_px.0, FRAME_PX.0, 60))
         .y_labels(ticks(panel.size_px.1, FRAME_PX.1, 36))
         .x_label_formatter(&|value| tidy(*value))
-        .y_label_formatter(&|value| {
-            if decades {
-                tidy(two_digits(10f64.powf(*value)))
-            } else {
-                tidy(*value)
-            }
-        })
+        .y_label_formatter(&|value| panel.tick(*value))
         .axis_desc_style(text.clone())
         .label_style(text.clone())
         .bold_line_style(RGBColor(225, 225, 225))
@@ -205,13 +214,7 @@ fn draw(panel: &Panel, area: &Area<'_>) -> Drawn {
         .axis_style(RGBColor(120, 120, 120))
         .draw()?;
     for series in &panel.series {
-        let mut series = series.clone();
-        if decades {
-            for point in &mut series.points {
-                point[1] = point[1].max(panel.y.start).log10();
-            }
-        }
-        draw_series(&mut chart, &series)?;
+        draw_series(&mut chart, panel, series)?;
     }
     if panel.series.iter().any(|series| !series.label.is_empty()) {
         chart
@@ -248,7 +251,7 @@ fn emptiest_corner(panel: &Panel, x: &Range<f64>, y: &Range<f64>) -> SeriesLabel
     let place = |p: &[f64; 2]| {
         [
             (p[0] - x.start) / (x.end - x.start),
-            (p[1] - y.start) / (y.end - y.start),
+            (panel.up(p[1]) - y.start) / (y.end - y.start),
         ]
     };
     let mut places: Vec<[f64; 2]> = Vec::new();
@@ -295,10 +298,10 @@ type Chart<'a> = ChartContext<
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-fn draw_series(chart: &mut Chart<'_>, series: &Series) -> Drawn {
+fn draw_series(chart: &mut Chart<'_>, panel: &Panel, series: &Series) -> Drawn {
     let (red, green, blue) = series.colour;
     let colour = RGBColor(red, green, blue);
-    let points = series.points.iter().map(|p| (p[0], p[1]));
+    let points = series.points.iter().map(|p| (p[0], panel.up(p[1])));
     let drawn = match series.mark {
         Mark::Line(width) => chart.draw_series(LineSeries::new(points, colour.stroke_width(width)))?,
         Mark::Dots(radius) => {
@@ -355,6 +358,18 @@ mod tests {
                 points,
             }],
         }
+    }
+
+    #[test]
+    fn decades_go_up_evenly_from_the_least_that_is_shown() {
+        let panel = Panel {
+            y: 0.1..10.0,
+            scales: Scales::DecadesUp,
+            ..panel(Vec::new())
+        };
+        assert_eq!(shown(&panel).1, -1.0..1.0);
+        assert_eq!([0.0, 0.1, 1.0].map(|value| panel.up(value)), [-1.0, -1.0, 0.0]);
+        assert_eq!([-0.5, 0.0, 1.0].map(|up| panel.tick(up)), ["0.32", "1", "10"]);
     }
 
     #[test]

@@ -15,7 +15,7 @@ mod verify;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
-use numbers::{count, threads};
+use numbers::{count, seed, threads};
 use offline::pipeline::{Preset, Stage};
 use output::note;
 use shared::one_line::OneLine;
@@ -174,7 +174,7 @@ struct RunArguments {
     #[arg(long)]
     name: Option<String>,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = seed(), allow_negative_numbers = true)]
     seed: u64,
     /// Threads; all cores by default.
     #[arg(long, value_parser = threads(), allow_negative_numbers = true)]
@@ -197,7 +197,7 @@ struct VerifyArguments {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = count::<usize>(0..=1_000_000), allow_negative_numbers = true)]
     random: usize,
     /// Seed of the random scenes.
-    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = seed(), allow_negative_numbers = true)]
     seed: u64,
     /// Folder for verify.json, verify.txt and the plots.
     #[arg(long, value_name = "DIR")]

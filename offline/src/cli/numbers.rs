@@ -37,6 +37,11 @@ pub fn count<T: TryFrom<u64>>(
     }
 }
 
+/// A seed: any there is.
+pub fn seed() -> impl Fn(&str) -> Result<u64, String> + Clone + Send + Sync + 'static {
+    count(0..=u64::MAX)
+}
+
 /// Threads: more than any machine has are a typing error.
 pub fn threads() -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
     count(1..=1024)

@@ -1,6 +1,6 @@
 //! `offline reproduce …`: the paper's tables.
 
-use super::numbers::{above_zero, count, threads, within};
+use super::numbers::{above_zero, count, seed, threads, within};
 use super::output::print;
 use super::progress::Reporter;
 use super::runs;
@@ -82,7 +82,7 @@ pub struct Intervals {
     #[arg(long, default_value_t = 2.0, value_parser = above_zero, allow_negative_numbers = true)]
     noise_mm: f64,
     /// Seed of ropes, starts and noise.
-    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = seed(), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/coverage")]
@@ -102,7 +102,7 @@ pub struct Policies {
     #[arg(long, value_parser = count::<u64>(50..=1_000_000), allow_negative_numbers = true)]
     rollouts: Option<u64>,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = seed(), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of rollouts and tables; a stopped run goes on there.
     #[arg(long, value_name = "DIR", default_value = "runs/policies")]
@@ -119,7 +119,7 @@ pub struct Common {
     #[arg(long, value_enum, default_value = "quick")]
     preset: Preset,
     /// Seed of everything random.
-    #[arg(long, default_value_t = 1, value_parser = count::<u64>(0..=u64::MAX), allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1, value_parser = seed(), allow_negative_numbers = true)]
     seed: u64,
     /// Folder of the estimates; a stopped run goes on there. `runs/<table>` by default.
     #[arg(long, value_name = "DIR")]

@@ -12,7 +12,8 @@ impl Demo {
     ///
     /// # Errors
     /// Nothing was seen in that time, or a clamp closes in a part that leaves out the beginning: where it then grips
-    /// the rope is only known from there; or the rope moves where the part begins, and clouds do not say how fast; or it is said to rest while a clamp moves.
+    /// the rope is only known from there; or the rope moves where the part begins, and clouds do not say how fast; or it
+    /// is said to rest while a clamp moves.
     pub fn cut(&self, from_s: f64, to_s: f64, start: StartState) -> Result<Self, DemoError> {
         let fail =
             |problem: String, remedy: &str| Err(DemoError::new(Path::new(&self.name), problem, remedy));

@@ -308,19 +308,19 @@ fn straight_start(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
     let mut shares: Vec<f64> = shares.collect();
     shares.sort_by(f64::total_cmp);
     let least = (FARTHEST * shares.len() as f64) as usize;
-    if let [low, .., high] = shares[least..shares.len() - least] {
-        let inner_m = high - low;
-        if inner_m < (SEEN_LENGTH - 2.0 * FARTHEST) * rope.length_m
-            || inner_m > rope.length_m + 2.0 * demo.spec.noise_m
-        {
-            found.push(format!(
-                "{:.0} % of the first cloud are {:.0} mm long, the whole rope that lies straight {:.0} mm; check the scale and \
-                 length_m",
-                100.0 * (1.0 - 2.0 * FARTHEST),
-                1e3 * inner_m,
-                1e3 * rope.length_m
-            ));
-        }
+    let inner_m = match shares[least..shares.len() - least] {
+        [low, .., high] => high - low,
+        _ => 0.0,
+    };
+    let inner = 1.0 - 2.0 * FARTHEST;
+    let longest_m = rope.length_m + 2.0 * demo.spec.noise_m;
+    if !(inner * SEEN_LENGTH * rope.length_m..=longest_m).contains(&inner_m) {
+        found.push(format!(
+            "{:.0} % of the first cloud are {:.0} mm long, the whole rope that lies straight {:.0} mm; check the scale and length_m",
+            100.0 * inner,
+            1e3 * inner_m,
+            1e3 * rope.length_m
+        ));
     }
     let allowed = rope.diameter_m + 5.0 * demo.spec.noise_m;
     let on_line = |p: &Vector3<f64>| {

@@ -111,7 +111,8 @@ fn density(demo: &Demo) -> Option<String> {
         _ => return None,
     };
     Some(format!(
-        "rope.mass_kg = {}, rope.diameter_m and rope.length_m make {kg_m3:.0} kg/m³, {which}: check their units; E is wrong          by the factor by which the mass is",
+        "rope.mass_kg = {}, rope.diameter_m and rope.length_m make {kg_m3:.0} kg/m³, {which}: check their units; E is wrong \
+         by the factor by which the mass is",
         rope.mass_kg
     ))
 }
