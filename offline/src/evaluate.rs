@@ -170,7 +170,7 @@ fn summarise(attempts: Vec<Attempt>) -> Evaluation {
 
 impl MissSummary {
     /// Summary of misses in mm; none of no misses.
-    fn new(mut misses: Vec<f64>) -> Option<Self> {
+    pub fn new(mut misses: Vec<f64>) -> Option<Self> {
         misses.sort_by(f64::total_cmp);
         let count = misses.len();
         let max_mm = *misses.last()?;

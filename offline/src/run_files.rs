@@ -285,6 +285,11 @@ impl RunFolder {
         self.path.join("evaluation.json")
     }
 
+    /// The same answers swung on a finer grid.
+    pub fn finer_evaluation(&self) -> PathBuf {
+        self.path.join("evaluation-finer-grid.json")
+    }
+
     /// Network weights, normaliser and ranges.
     pub fn weights(&self) -> PathBuf {
         self.path.join("weights.bin")

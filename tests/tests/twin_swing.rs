@@ -9,15 +9,8 @@ use shared::profile::MotionLimits;
 use shared::task::SwingTask;
 use tests::effects::WorldEffects;
 use tests::sample_rope::material;
-use tests::swing::{reach_m, swing};
+use tests::swing::{TOLERANCE_M, calm_reach_m, reach_m, swing};
 use tests::world::{record_demo, simulate};
-
-/// So slow that a rope with next to no loss hangs still when it is released, as the program's does.
-const CALM: MotionLimits = MotionLimits {
-    speed_m_s: 0.1,
-    acceleration_m_s2: 0.1,
-    jerk_m_s3: 0.2,
-};
 
 /// Reach of a slack rope after the robot's own drag.
 fn reach(young_pa: f64, effects: &WorldEffects) -> f64 {
@@ -34,28 +27,16 @@ fn reach(young_pa: f64, effects: &WorldEffects) -> f64 {
     reach_m(&spec, &simulate(&spec, effects))
 }
 
-/// Leans the gravity of the rod out of the plane as the program's: ropes that are folded fall to that side. Without it a
-/// rope of 0.9 MPa stays in the plane and reaches 8 mm further from (0.08, 0.15).
-const LEAN_RAD: f64 = 1e-3;
-
 /// Reach of a rope in the leaning rod and in the program, m.
 fn rod_and_program_m(young_pa: f64, release_m: [f64; 2]) -> [f64; 2] {
-    let leaning = WorldEffects {
-        tilt_rad: [0.0, LEAN_RAD],
-        ..WorldEffects::default()
-    };
-    let task = SwingTask::PAPER;
     let program = SimulatedSwing {
         rope: RopeShape::of_spec(&material().rope),
-        task,
+        task: SwingTask::PAPER,
         structure: Structure::default(),
         effect_values: Vec::new(),
         resolution: Resolution { cells: 1.5 },
     };
-    let mut rope = material();
-    rope.young_pa = young_pa;
-    let spec = swing("swing", rope, &task, release_m, &CALM);
-    let rod_m = reach_m(&spec, &simulate(&spec, &leaning));
+    let rod_m = calm_reach_m(young_pa, &WorldEffects::default(), release_m);
     let program_m = program.reach_m(young_pa, 0.3, release_m).expect("it swings");
     println!("{young_pa:.1e} Pa from {release_m:?}: rod {rod_m:.4} m, program {program_m:.4} m");
     [rod_m, program_m]
@@ -75,10 +56,6 @@ fn reaches_m<const N: usize>(
         each.collect()
     })
 }
-
-/// How far the program may be from the rod, m: set before the first run; the grid may bend 5 % too stiffly, which moves the
-/// reach by 2 mm (design, section 4), and the rod knows no thickness at its clamps.
-const TOLERANCE_M: f64 = 5e-3;
 
 /// The program's swing is the rod's: of ropes soft and stiff, from the left, from below and from between.
 ///

@@ -183,6 +183,7 @@ impl Job<'_> {
             held_out_after_mm: after.rms_mm,
             floor_mm: after.floor_mm,
             policy: None,
+            policy_on_finer_grid: None,
             beside: Vec::new(),
             blob: None,
             report: None,
@@ -222,6 +223,7 @@ impl Job<'_> {
             } else {
                 let learned = learn(&identified, &self.settings, run, watch)?;
                 summary.policy = learned.evaluation.miss;
+                summary.policy_on_finer_grid = learned.finer.miss;
                 say_learned(&learned, reporter);
                 dataset = Some(learned.trained.dataset.hash);
                 if last >= Stage::Freeze {
@@ -266,7 +268,7 @@ impl Job<'_> {
         learned: Option<&Learned>,
     ) -> anyhow::Result<()> {
         let (demos, _) = self.inputs.members();
-        let policy = learned.map(|l| &l.evaluation);
+        let policy = learned.map(|l| [&l.evaluation, &l.finer]);
         let text = tables(&self.inputs.name, &demos, (&identified.outcome, profiles), policy);
         Ok(write_whole(&self.run.tables(), text.as_bytes())?)
     }
@@ -325,6 +327,7 @@ fn report(
         after: &after,
         policy: learned.map(|l| PolicySection {
             evaluation: &l.evaluation,
+            finer: &l.finer,
             record: &l.trained.record,
             dataset: &l.trained.dataset,
             blob: blob.as_ref(),

@@ -3,6 +3,8 @@
 use super::progress::Reporter;
 use offline::collect::DatasetSummary;
 use offline::diagnose::Advice;
+use offline::evaluate::Evaluation;
+use offline::fit::FINER;
 use offline::model::Estimate;
 use offline::pipeline::{Beside, Identified, Learned};
 use offline::residual::ResidualSummary;
@@ -89,17 +91,28 @@ fn estimate_line(e: &Estimate) -> String {
 }
 
 pub(super) fn say_learned(learned: &Learned, reporter: &Reporter) {
-    if let Some(miss) = &learned.evaluation.miss {
-        reporter.say(&format!(
-            "policy: |goal - reached| {:.1} ± {:.1} mm over n = {} goals of unseen ropes (median {:.1}, p90 {:.1})",
-            miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
-        ));
-    }
-    say_refusals(&learned.evaluation.refusals, reporter);
+    say_misses(
+        "policy: |goal - reached|",
+        "goals of unseen ropes",
+        &learned.evaluation,
+        reporter,
+    );
+    let finer = format!("the same answers on a grid finer by {FINER}:");
+    say_misses(&finer, "of them", &learned.finer, reporter);
     reporter.say(&format!(
         "this rope reaches goals from {}",
         learned.reach_m.metres()
     ));
+}
+
+fn say_misses(what: &str, of: &str, evaluation: &Evaluation, reporter: &Reporter) {
+    if let Some(miss) = &evaluation.miss {
+        reporter.say(&format!(
+            "{what} {:.1} ± {:.1} mm over n = {} {of} (median {:.1}, p90 {:.1})",
+            miss.mean_mm, miss.spread_mm, miss.count, miss.median_mm, miss.p90_mm
+        ));
+    }
+    say_refusals(&evaluation.refusals, reporter);
 }
 
 pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {

@@ -13,7 +13,7 @@ use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FINER, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, covariance,
+    Evaluation, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, covariance,
     estimates_within, fit, fit_from, grid_errors, grid_shift, over_noise,
 };
 use crate::model::{Estimate, Structure};
@@ -64,13 +64,11 @@ impl LoopOptions {
         (0..effects::ALL.len()).filter(may)
     }
 
-    /// Defaults on a grid; the finer one has [`FINER`] times the cells.
+    /// Defaults on a grid; the finer one is [`Resolution::finer`].
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {
             resolution,
-            finer: Resolution {
-                cells: FINER * resolution.cells,
-            },
+            finer: resolution.finer(),
             fit: FitOptions::default(),
             refits: 2,
             max_effects: 3,

@@ -1,7 +1,7 @@
 //! The simulation's own error: how far predictions move on a finer grid or with other particles, and how far that may
 //! have moved the parameters.
 
-use super::problem::{Evaluation, FitError, Problem};
+use super::problem::{Evaluation, FitError, Problem, Resolution};
 use super::uncertainty::shift_by;
 use crate::model::Structure;
 use crate::observe::{Row, bracket, interpolate};
@@ -11,6 +11,15 @@ use rayon::prelude::*;
 
 /// Cells across the rope of a finer grid that tells the simulation's own error, over those of the fit's.
 pub const FINER: f64 = 1.4;
+
+impl Resolution {
+    /// That of a grid which is finer by [`FINER`].
+    pub fn finer(self) -> Self {
+        Self {
+            cells: FINER * self.cells,
+        }
+    }
+}
 
 /// Estimated discretisation error of a prediction, m.
 pub struct GridError {

@@ -26,6 +26,8 @@ pub struct Learned {
     pub trained: Trained,
     /// Over unseen ropes and goals.
     pub evaluation: Evaluation,
+    /// The same answers on a finer grid: what the policy's own hides from it.
+    pub finer: Evaluation,
     /// What swings.
     pub swing: SimulatedSwing,
     /// Goals that the identified rope reaches.
@@ -148,6 +150,8 @@ pub fn learn(
     let practice = unseen(&trained.reach, ropes, goals, settings.seed);
     let evaluation = evaluate(&trained.policy, &swing, &practice, watch)?;
     write_whole(&run.evaluation(), &serde_json::to_vec_pretty(&evaluation)?)?;
+    let finer = evaluate(&trained.policy, &swing.on_finer_grid(), &practice, watch)?;
+    write_whole(&run.finer_evaluation(), &serde_json::to_vec_pretty(&finer)?)?;
     let (reach_m, _) = reach(
         (&trained.policy, &trained.reach),
         &swing,
@@ -157,6 +161,7 @@ pub fn learn(
     Ok(Learned {
         trained,
         evaluation,
+        finer,
         swing,
         reach_m,
     })

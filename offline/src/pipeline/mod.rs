@@ -64,6 +64,8 @@ pub struct Summary {
     pub floor_mm: f64,
     /// |goal − reached| over unseen ropes and goals.
     pub policy: Option<crate::evaluate::MissSummary>,
+    /// The same where the answers are swung on a grid that is finer by [`crate::fit::FINER`].
+    pub policy_on_finer_grid: Option<crate::evaluate::MissSummary>,
     /// Other ropes in the blob.
     pub beside: Vec<BesideSummary>,
     /// Path of the blob.

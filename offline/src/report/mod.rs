@@ -54,6 +54,8 @@ pub struct ReportInput<'a> {
 pub struct PolicySection<'a> {
     /// Swings of its answers.
     pub evaluation: &'a Evaluation,
+    /// The same on a finer grid.
+    pub finer: &'a Evaluation,
     /// How its training went.
     pub record: &'a TrainingRecord,
     /// What it was trained on.

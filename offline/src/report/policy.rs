@@ -1,14 +1,17 @@
 //! How well the policy reaches its goals, and what it was trained on.
 
 use super::PolicySection;
-use super::page::{FINAL, NOISE, figure_svg};
+use super::page::{BASE, FINAL, NOISE, figure_svg};
 use crate::evaluate::{Evaluation, MissSummary};
+use crate::fit::FINER;
 use crate::plot::{Mark, Panel, Scales, Series, interval};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
 /// Size of a figure, pixels.
 const FIGURE_PX: (u32, u32) = (500, 430);
+/// On what the answers were swung.
+pub(super) const GRIDS: [&str; 2] = ["own grid", "finer grid"];
 /// Bars of the histogram.
 const BARS: usize = 20;
 
@@ -26,12 +29,15 @@ fn shown(policy: &PolicySection) -> Markup {
     let evaluation = policy.evaluation;
     html! {
         @match &evaluation.miss {
-            Some(miss) => (summary(miss)),
+            Some(miss) => (summary(miss, policy.finer.miss.as_ref())),
             None => p { "Every attempt was refused: nothing can be said about the policy." },
         }
         p { "Refused swings: " (refusals(&evaluation.refusals)) }
+        @if !policy.finer.refusals.is_empty() {
+            p { "Refused on the finer grid: " (refusals(&policy.finer.refusals)) }
+        }
         @if evaluation.miss.is_some() {
-            figure.grid.two { (figure_svg(&scatter(evaluation))) (figure_svg(&misses(evaluation))) }
+            figure.grid.two { (figure_svg(&scatter(evaluation, policy.finer))) (figure_svg(&misses(evaluation))) }
         }
         (training(policy))
         @if let Some(blob) = policy.blob {
@@ -41,19 +47,34 @@ fn shown(policy: &PolicySection) -> Markup {
     }
 }
 
-fn summary(miss: &MissSummary) -> Markup {
+fn summary(own: &MissSummary, finer: Option<&MissSummary>) -> Markup {
+    type Figure = (&'static str, fn(&MissSummary) -> String);
+    let figures: [Figure; 6] = [
+        ("mean ± spread, mm", |m| {
+            format!("{:.1} ± {:.1}", m.mean_mm, m.spread_mm)
+        }),
+        ("median, mm", |m| format!("{:.1}", m.median_mm)),
+        ("90th percentile, mm", |m| format!("{:.1}", m.p90_mm)),
+        ("largest, mm", |m| format!("{:.1}", m.max_mm)),
+        ("mean ± spread, paper’s units", |m| {
+            format!("{:.4} ± {:.4}", m.mean_paper, m.spread_paper)
+        }),
+        ("swings", |m| m.count.to_string()),
+    ];
     html! {
         table {
-            tr { th { "|goal − reached|" } th.n { "mm" } th.n { "paper’s units" } }
-            tr {
-                td { "mean ± spread" }
-                td.n { b { (format!("{:.1} ± {:.1}", miss.mean_mm, miss.spread_mm)) } }
-                td.n { (format!("{:.4} ± {:.4}", miss.mean_paper, miss.spread_paper)) }
+            tr { th { "|goal − reached|" } @for grid in GRIDS { th.n { (grid) } } }
+            @for (name, figure) in figures {
+                tr {
+                    td { (name) }
+                    td.n { (figure(own)) }
+                    td.n { (finer.map_or("–".to_owned(), figure)) }
+                }
             }
-            @for (name, mm) in [("median", miss.median_mm), ("90th percentile", miss.p90_mm), ("largest", miss.max_mm)] {
-                tr { td { (name) } td.n { (format!("{mm:.1}")) } td {} }
-            }
-            tr { td { "swings" } td.n { (miss.count) } td {} }
+        }
+        p.quiet {
+            "The policy learnt on its own grid. The same answers were swung on one finer by " (FINER)
+            ": what is more there is the simulator’s own error, and a part of what a real rope will show."
         }
     }
 }
@@ -83,9 +104,13 @@ fn series(colour: crate::plot::Colour, mark: Mark, points: Vec<[f64; 2]>) -> Ser
     }
 }
 
-fn scatter(evaluation: &Evaluation) -> Panel {
-    let scored = scored(evaluation);
-    let all = interval(scored.iter().flat_map(|s| [s.0, s.1]), 0.05, 0.02);
+fn scatter(own: &Evaluation, finer: &Evaluation) -> Panel {
+    let [own, finer] = [own, finer].map(scored);
+    let all = interval(own.iter().chain(&finer).flat_map(|s| [s.0, s.1]), 0.05, 0.02);
+    let of_grid = |k: usize, colour, scored: &[(f64, f64, f64)]| Series {
+        label: GRIDS[k].to_owned(),
+        ..series(colour, Mark::Dots(2), scored.iter().map(|s| [s.0, s.1]).collect())
+    };
     Panel {
         title: "Goal and reach".to_owned(),
         x_label: "goal x [m]".to_owned(),
@@ -96,7 +121,8 @@ fn scatter(evaluation: &Evaluation) -> Panel {
         size_px: FIGURE_PX,
         series: vec![
             series(NOISE, Mark::Line(1), vec![[all.start; 2], [all.end; 2]]),
-            series(FINAL, Mark::Dots(2), scored.iter().map(|s| [s.0, s.1]).collect()),
+            of_grid(1, BASE, &finer),
+            of_grid(0, FINAL, &own),
         ],
     }
 }

@@ -2,6 +2,7 @@
 
 use super::answer::{in_paper_units, interval};
 use super::page::{effect_title, parameter_title};
+use super::policy::GRIDS;
 use super::ranking::{outcome, refit};
 use crate::demo::Demo;
 use crate::diagnose::{Outcome, Round};
@@ -12,20 +13,20 @@ use crate::residual::ResidualSummary;
 use crate::words::{unit, with_error};
 use std::fmt::Write as _;
 
-/// The tables of a run; those of the policy where one was evaluated.
+/// The tables of a run; those of the policy where one was evaluated, on its own grid and on a finer one.
 pub fn tables(
     title: &str,
     demos: &[&Demo],
     (outcome, profiles): (&Outcome, &[Profile]),
-    policy: Option<&Evaluation>,
+    policy: Option<[&Evaluation; 2]>,
 ) -> String {
     let density = demos.first().map(|demo| demo.spec.rope.density_kg_m3());
     let mut text = format!("# {title}\n\n{}\n\n", outcome.verdict);
     text += &parameters((outcome, profiles), density);
     text += &errors(outcome);
     text += &effects(&outcome.rounds);
-    if let Some(evaluation) = policy {
-        text += &miss(evaluation);
+    if let Some(evaluations) = policy {
+        text += &miss(evaluations);
     }
     text
 }
@@ -140,18 +141,22 @@ fn effects(rounds: &[Round]) -> String {
     table("Effects", &head, &rows)
 }
 
-fn miss(evaluation: &Evaluation) -> String {
-    let rows = evaluation.miss.iter().map(|m| {
-        vec![
+fn miss(evaluations: [&Evaluation; 2]) -> String {
+    let grids = GRIDS.into_iter().zip(evaluations);
+    let rows = grids.clone().filter_map(|(grid, evaluation)| {
+        let m = evaluation.miss.as_ref()?;
+        Some(vec![
+            grid.to_owned(),
             m.count.to_string(),
             format!("{:.1} ± {:.1}", m.mean_mm, m.spread_mm),
             format!("{:.1}", m.median_mm),
             format!("{:.1}", m.p90_mm),
             format!("{:.1}", m.max_mm),
             format!("{:.4} ± {:.4}", m.mean_paper, m.spread_paper),
-        ]
+        ])
     });
     let head = [
+        "grid",
         "n",
         "mean ± spread, mm",
         "median",
@@ -160,8 +165,10 @@ fn miss(evaluation: &Evaluation) -> String {
         "mean, paper's units",
     ];
     let mut text = table("Policy: |goal − reached|", &head, &rows.collect::<Vec<_>>());
-    for (reason, count) in &evaluation.refusals {
-        let _ = writeln!(text, "- refused: {count} ({reason})");
+    for (grid, evaluation) in grids {
+        for (reason, count) in &evaluation.refusals {
+            let _ = writeln!(text, "- refused, {grid}: {count} ({reason})");
+        }
     }
     text
 }
