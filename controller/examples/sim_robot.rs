@@ -11,7 +11,7 @@ use controller::clock;
 use controller::program;
 use controller::session::DEFAULT_INSTANCE;
 use shared::arm::{JOINTS, Joints, LEVEL_POSTURE_RAD};
-use shared::messages::{JointTarget, RobotState};
+use shared::messages::{JointTarget, Phase, RobotState};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,6 +22,8 @@ const PERIOD_NS: u64 = 4_000_000;
 const SILENCE: Duration = Duration::from_secs(1);
 /// A target older than this is not sent: nobody streams any more, and the arm may have been moved since.
 const TARGET_AGE_MAX_NS: u64 = 100_000_000;
+/// Reported where targets were left out, as `controller/clients/README.md` asks of every driver.
+const STREAM_TORN: u32 = 998;
 
 /// A simulated xArm7. Ctrl-C ends it.
 #[derive(Parser)]
@@ -33,6 +35,10 @@ struct Args {
     /// Time constant of the joints, s (0 to 10)
     #[arg(long, default_value_t = 0.02, value_parser = arguments::number(0.0, 10.0))]
     lag_s: f64,
+    /// Longest step of a joint from one target to the next that is sent, rad (0 to 10): a longer one has left targets out,
+    /// because something held up this program
+    #[arg(long, default_value_t = 0.05, value_parser = arguments::number(0.0, 10.0))]
+    step_max_rad: f64,
     /// End after this time, s (0 to 1000000); 0 is never
     #[arg(long, default_value_t = 0.0, value_parser = arguments::number(0.0, 1e6))]
     seconds: f64,
@@ -54,8 +60,12 @@ struct Arm {
     /// Where the arm was sent last: it goes there even when nothing else is sent.
     sent_rad: Joints,
     sent_seq: u64,
+    /// Whether something was sent since the arm last stood free of a stream.
+    in_stream: bool,
     gripper: u32,
+    error_code: u32,
     share_per_period: f64,
+    step_max_rad: f64,
 }
 
 impl Arm {
@@ -63,6 +73,7 @@ impl Arm {
     /// moved by hand since it was made.
     fn skip_newest(&mut self, port: &mut ArmPort) {
         self.sent_seq = port.newest_target().map_or(0, |target| target.seq);
+        self.in_stream = false;
     }
 
     /// Number 0 is no target.
@@ -73,9 +84,10 @@ impl Arm {
 
     fn follow(&mut self, port: &mut ArmPort) {
         if let Some(target) = port.newest_target().filter(|target| self.is_new(target)) {
-            self.sent_rad = target.q_rad;
             self.sent_seq = target.seq;
-            self.gripper = target.gripper;
+            if self.error_code == 0 {
+                self.send(&target);
+            }
         }
         let period_s = PERIOD_NS as f64 * 1e-9;
         for i in 0..JOINTS {
@@ -85,8 +97,31 @@ impl Arm {
         }
     }
 
+    fn send(&mut self, target: &JointTarget) {
+        let from_rad = if self.in_stream { self.sent_rad } else { self.q_rad };
+        let steps_rad = (0..JOINTS).map(|i| (target.q_rad[i] - from_rad[i]).abs());
+        if steps_rad.fold(0.0, f64::max) > self.step_max_rad {
+            program::tell(
+                "sim_robot: targets were left out, and the arm would jump: something holds up this program",
+            );
+            self.error_code = STREAM_TORN;
+            return;
+        }
+        self.sent_rad = target.q_rad;
+        self.gripper = target.gripper;
+        self.in_stream = true;
+    }
+
+    /// An error is reported until the controller has latched it; nothing moves until a person resets the controller.
+    fn clear(&mut self, port: &mut ArmPort) {
+        self.error_code = 0;
+        self.skip_newest(port);
+        program::tell("sim_robot: clear again; reset the controller to go on");
+    }
+
     fn state(&self) -> RobotState {
         RobotState {
+            error_code: self.error_code,
             q_rad: self.q_rad,
             dq_rad_s: self.dq_rad_s,
             gripper: self.gripper,
@@ -111,7 +146,10 @@ fn run(args: &Args) -> Result<()> {
         dq_rad_s: [0.0; JOINTS],
         sent_rad: LEVEL_POSTURE_RAD,
         sent_seq: 0,
+        in_stream: false,
         gripper: 0,
+        error_code: 0,
+        step_max_rad: args.step_max_rad,
         share_per_period: 1.0 - (-(PERIOD_NS as f64) * 1e-9 / args.lag_s).exp(),
     };
     while !ended() {
@@ -144,8 +182,11 @@ fn play(arm: &mut Arm, client: &mut Client, states_sent: &mut u64, ended: &dyn F
     let mut heard = Instant::now();
     let mut next_ns = clock::now_ns();
     while !ended() && heard.elapsed() < SILENCE {
-        while client.next_status()?.is_some() {
+        while let Some(status) = client.next_status()? {
             heard = Instant::now();
+            if arm.error_code != 0 && status.state == Phase::Fault.code() {
+                arm.clear(&mut port);
+            }
         }
         arm.follow(&mut port);
         port.send_state(arm.state())?;

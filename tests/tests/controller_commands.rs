@@ -157,7 +157,7 @@ fn machines_can_read_what_became_of_goals() {
         .spawn();
     let mut controller = Process(child.expect("the controller starts"));
     let child = Command::new(program(SIM_ROBOT))
-        .args(["--instance", &world.instance, "--json"])
+        .args(["--instance", &world.instance, "--step-max-rad", "10", "--json"])
         .stdout(Stdio::piped())
         .spawn();
     let mut robot = Process(child.expect("the simulated arm starts"));

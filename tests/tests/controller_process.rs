@@ -2,6 +2,7 @@
 
 mod controller_world;
 
+use controller::client::Client;
 use controller::sample;
 use controller_world::limit_check::limits_hold_at;
 use controller_world::{PATIENCE, Process, World, await_status, idle, in_phase, program, terminate};
@@ -141,6 +142,20 @@ fn bad_goals_get_a_reason_and_change_nothing() {
     assert!(targets.iter().all(|target| target.q_rad == first));
 }
 
+/// Resets until that is accepted: the simulated arm needs a moment to come to rest, and to clear an error.
+fn reset(client: &mut Client, targets: &mut Vec<JointTarget>) {
+    let start = Instant::now();
+    loop {
+        let id = client.send_command(CommandKind::Reset).expect("sent");
+        let status = await_status(client, targets, |status| status.command_id == id);
+        if status.command_reason == Reason::Accepted.code() {
+            break;
+        }
+        assert!(start.elapsed() < PATIENCE, "{status:?}");
+    }
+    await_status(client, targets, idle);
+}
+
 #[test]
 fn an_emergency_stop_latches_until_a_reset() {
     let world = World::new();
@@ -163,18 +178,24 @@ fn an_emergency_stop_latches_until_a_reset() {
         status.judged_goal_id == refused
     });
     assert_eq!(status.judged_reason, Reason::Latched.code());
-    // The simulated arm needs a moment to come to rest.
-    let start = Instant::now();
-    loop {
-        let reset = client.send_command(CommandKind::Reset).expect("sent");
-        let status = await_status(&mut client, &mut targets, |status| status.command_id == reset);
-        if status.command_reason == Reason::Accepted.code() {
-            break;
-        }
-        assert!(start.elapsed() < PATIENCE, "{status:?}");
-    }
-    await_status(&mut client, &mut targets, idle);
+    reset(&mut client, &mut targets);
     limits_hold_at(&targets, 0.004).expect("no limit is broken");
+}
+
+/// A driver that was held up leaves targets out and would send the arm through all of them in one step. Here every step is
+/// too long.
+#[test]
+fn an_arm_that_would_jump_reports_an_error_and_goes_on_after_a_reset() {
+    let world = World::new();
+    let _controller = world.controller(&[]);
+    let _robot = world.robot_that_steps("1e-9");
+    let mut client = world.client();
+    let mut targets = Vec::new();
+    await_status(&mut client, &mut targets, idle);
+    client.send_goal(0, 0.33).expect("sent");
+    let fault = await_status(&mut client, &mut targets, in_phase(Phase::Fault));
+    assert_eq!(fault.latch_reason, Reason::RobotFault.code());
+    reset(&mut client, &mut targets);
 }
 
 /// Every figure that the benchmark promises is there, whatever it is: how punctual a machine is, is no

@@ -107,9 +107,15 @@ impl World {
         Process(child)
     }
 
+    /// An arm that a busy machine may hold up: it takes steps of any length.
     pub fn robot(&self) -> Process {
+        self.robot_that_steps("10")
+    }
+
+    /// An arm that takes steps of its targets up to so many rad.
+    pub fn robot_that_steps(&self, step_max_rad: &str) -> Process {
         let child = Command::new(program("examples/sim_robot"))
-            .args(["--instance", &self.instance])
+            .args(["--instance", &self.instance, "--step-max-rad", step_max_rad])
             .stderr(self.log())
             .spawn()
             .expect("the simulated arm starts");
