@@ -82,8 +82,7 @@ impl SimulatedSwing {
     ///
     /// Reach against that of the robot's way where it has come to rest, 11 releases, E 0.3, 0.9 and 3 MPa: within
     /// 0.1 mm in 33 of 33, at most 0.021 mm; settled in time ([`Scene::swing_settled`]) in 30, at most 0.42 mm. That was
-    /// with all of the way on the swing's own grid and a rest without props, which move it by up to 0.2 mm
-    /// ([`rest_near`]); on the coarse one 48 swings reached within 0.035 mm of it.
+    /// with all of the way on the swing's own grid; on the coarse one 48 swings reached within 0.035 mm of it.
     /// Of 24 swings over the range of E, ms of one core on 1.5 and 1.79 cells: near the rest 63 and 72, now 34 and 36;
     /// the rest 26 and 47, now 26 and 32; the swing 87 and 109.
     ///

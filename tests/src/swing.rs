@@ -16,7 +16,7 @@ const REST_S: f64 = 0.3;
 const WATCH_S: f64 = 1.0;
 
 /// So slow that a rope with next to no loss hangs still when it is released, as the program's does.
-pub const CALM: MotionLimits = MotionLimits {
+const CALM: MotionLimits = MotionLimits {
     speed_m_s: 0.1,
     acceleration_m_s2: 0.1,
     jerk_m_s3: 0.2,
@@ -24,7 +24,7 @@ pub const CALM: MotionLimits = MotionLimits {
 
 /// Leans the gravity of the rod out of the plane as the program's: ropes that are folded fall to that side. Without it a
 /// rope of 0.9 MPa stays in the plane and reaches 8 mm further from (0.08, 0.15).
-pub const LEAN_RAD: f64 = 1e-3;
+const LEAN_RAD: f64 = 1e-3;
 
 /// How far the program may be from the rod, m: set before the first run; the grid may bend 5 % too stiffly, which moves the
 /// reach by 2 mm (design, section 4), and the rod knows no thickness at its clamps.

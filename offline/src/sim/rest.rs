@@ -1,6 +1,7 @@
 //! How a rest state is searched for: from a first guess, by Newton's method that begins as a heavily damped fall; from
 //! a shape near it, with a matrix that is factorised anew only where the old one does not help any more. A rope that finds
-//! no rest by its own forces alone falls once more, propped (`props.rs`).
+//! no rest by its own forces alone falls once more, propped (`props.rs`); one that was followed until near its rest is
+//! propped first, and then let go.
 
 use super::clamp::Hermite;
 use super::error::{Cause, SimError};
@@ -13,7 +14,7 @@ use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::start::Start;
 use super::statics::{Advance, Hold, Nodes, Pose, Statics, gather};
-use super::tensor::{Mat3, Vec3, add, matvec, scaled, sub};
+use super::tensor::{Mat3, Vec3, add, matvec, norm, scaled, sub};
 use crate::observe::bracket;
 use rayon::prelude::*;
 use std::cell::OnceCell;
@@ -45,7 +46,14 @@ const FROM_MOTION: Patience = Patience {
     tolerance_cells: TOLERANCE_CELLS,
     matrices: MAX_STEPS,
 };
-/// The same for tangents, as a share of the largest one.
+/// How it goes on from there without props.
+const FROM_PROPPED: Patience = Patience {
+    tolerance_cells: TOLERANCE_CELLS,
+    matrices: 6,
+};
+/// Two rests are one where no particle is further off than so many cells.
+const SAME_REST_CELLS: f64 = 0.1;
+/// As [`TOLERANCE_CELLS`] for tangents, as a share of the largest one.
 const TANGENT_TOLERANCE: f64 = 1e-4;
 /// Passes from particles to nodes.
 const PASSES: usize = 12;
@@ -252,9 +260,10 @@ pub fn settle_poses(scene: &mut Scene, physics: &Physics<f64>) -> Result<(), Sim
     Ok(())
 }
 
-/// The rope at rest as its clamps stand at `t_s`, from where the scene says that its particles are: propped from the
-/// start, because on some grids nodes at the surface of a rope between two clamps run away, and the search then ends
-/// nowhere or, worse, far from any rest. Where none does, props move the reach of a swing by up to 0.2 mm.
+/// The rope at rest as its clamps stand at `t_s`, from where the scene says that its particles are. It is searched for
+/// propped, because on some grids nodes at the surface of a rope between two clamps run away, and the search then ends
+/// nowhere or, worse, far from any rest. From there it goes on without props, which move the reach of a swing by up to
+/// 0.2 mm; where that leads away from the propped rest, that is the answer.
 ///
 /// # Errors
 /// No rest state was found, or the rope turned inside out on the way.
@@ -268,15 +277,24 @@ pub fn rest_near(scene: &Scene, physics: &Physics<f64>, t_s: f64) -> Result<Vec<
     let statics = Statics::new(scene, physics);
     let motions = statics.motions(t_s);
     let props = Props::new(&statics);
-    let hold = Hold {
+    let hold = |props| Hold {
         motions: &motions,
         pins: &[],
-        props: Some(&props),
+        props,
     };
-    let nodes = settle(&statics, nodes_of(&statics, start), &hold, &FROM_MOTION);
-    let nodes = nodes.map_err(SimError::at_start)?;
-    let particles = 0..statics.layout.particles();
-    Ok(particles.map(|p| placed(&statics.grid, &nodes, p)).collect())
+    let particles = |nodes: &Nodes<f64>| -> Vec<Placed> {
+        let each = 0..statics.layout.particles();
+        each.map(|p| placed(&statics.grid, nodes, p)).collect()
+    };
+    let nodes = nodes_of(&statics, start);
+    let nodes = settle(&statics, nodes, &hold(Some(&props)), &FROM_MOTION).map_err(SimError::at_start)?;
+    let propped = particles(&nodes);
+    let free = settle(&statics, nodes, &hold(None), &FROM_PROPPED).map(|nodes| particles(&nodes));
+    let is_near = |free: &Vec<Placed>| {
+        let mut pairs = free.iter().zip(&propped);
+        pairs.all(|(a, b)| norm(sub(a.position_m, b.position_m)) < SAME_REST_CELLS * statics.grid.spacing_m)
+    };
+    Ok(free.ok().filter(is_near).unwrap_or(propped))
 }
 
 fn placed(grid: &Grid<f64>, nodes: &[Vec3<f64>], p: usize) -> Placed {
