@@ -23,6 +23,8 @@ pub struct Body<L> {
     pub deformation_gradient: Mat3<L>,
     /// Position, m.
     pub position_m: Vec3<L>,
+    /// What rounding has left out of the position so far, m.
+    pub lost_m: Vec3<L>,
     /// Velocity, m/s.
     pub velocity_m_s: Vec3<L>,
     /// Mass, kg.
@@ -212,7 +214,7 @@ impl<L: Lanes> Blocks<L> {
                     let f = &mut body.deformation_gradient[a][b];
                     *f = rate[a][b].times_plus(dt_per_cell, *f);
                 }
-                body.position_m[a] = velocity[a].times_plus(dt, body.position_m[a]);
+                velocity[a].carry_to(dt, &mut body.position_m[a], &mut body.lost_m[a]);
             }
             body.velocity_m_s = velocity;
             *stored = rate;

@@ -23,6 +23,7 @@ pub fn initial_particles<T: Real>(scene: &Scene, layout: &RopeLayout, masses_kg:
             let material_m = layout.material_m(index);
             Particle {
                 position_m: scene.straight_m(material_m).map(T::of),
+                lost_m: zero3(),
                 velocity_m_s: zero3(),
                 deformation_rate: [zero3(); 3],
                 deformation_gradient: straight,

@@ -130,7 +130,7 @@
 //! ([`scene::StepLength`]); differences of rollouts then mean what tangents mean.
 
 /// Raised with every change that moves what simulations give: rollouts and fits on disk are then made anew.
-pub const REVISION: u32 = 8;
+pub const REVISION: u32 = 9;
 
 pub mod adjoint;
 pub mod axial;

@@ -40,6 +40,15 @@ pub trait Arithmetic:
     /// Rotation R of the polar decomposition of a matrix with positive determinant.
     fn polar_rotation(f: &Mat3<Self>) -> Mat3<Self>;
 
+    /// Adds self b to a sum, and keeps in `lost` what rounding leaves out of it, for the next time (Kahan 1965): many
+    /// steps, each smaller than the last digit of the sum, are not lost.
+    #[inline(always)]
+    fn carry_to(self, b: Self, sum: &mut Self, lost: &mut Self) {
+        let step = self.times_plus(b, *lost);
+        let next = *sum + step;
+        *lost = step - (next - *sum);
+        *sum = next;
+    }
     /// Zero.
     #[inline(always)]
     fn zero() -> Self {

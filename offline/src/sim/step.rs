@@ -19,6 +19,8 @@ use super::tensor::{Mat3, Vec3, add, mul, scaled, select3, sub, zero3};
 pub struct Particle<T> {
     /// Position, m.
     pub position_m: Vec3<T>,
+    /// What rounding has left out of the position so far, m.
+    pub lost_m: Vec3<T>,
     /// Velocity, m/s.
     pub velocity_m_s: Vec3<T>,
     /// Rate of the deformation gradient, 1/s: the affine velocity field in undeformed coordinates.
@@ -368,7 +370,9 @@ fn gather<T: Real>(particle: &mut Particle<T>, index: usize, grid: &Grid<T>, dt_
     }
     particle.deformation_rate = rate;
     particle.velocity_m_s = velocity;
-    particle.position_m = add(particle.position_m, scaled(velocity, dt_s));
+    for a in 0..3 {
+        velocity[a].carry_to(T::of(dt_s), &mut particle.position_m[a], &mut particle.lost_m[a]);
+    }
 }
 
 /// Velocity Σ w v and affine field 4/dx² Σ w v dᵀ that the nodes' velocities give to a particle: the

@@ -371,6 +371,7 @@ fn pack<'p, T: Laned, I: Instructions>(
             })
         }),
         position_m: vector(|p| &p.position_m),
+        lost_m: vector(|p| &p.lost_m),
         velocity_m_s: vector(|p| &p.velocity_m_s),
         mass_kg: lanes(&|p| p.mass_kg, 0.0),
     }

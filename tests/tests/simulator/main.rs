@@ -8,6 +8,7 @@ mod examples;
 mod gradients;
 mod hanging;
 mod lanes;
+mod rounding;
 mod statics;
 mod swing;
 mod tangents;

@@ -215,7 +215,7 @@ impl<'a, F: Precision, I: Instructions> WayBack<'a, F, I> {
         let back_per_cell = F::Plain::<I>::of(-dt_s / self.setup.scene.grid.spacing_m);
         for (body, rate) in self.engine.blocks.bodies.iter_mut().zip(&self.rates) {
             for a in 0..3 {
-                body.position_m[a] = body.velocity_m_s[a].times_plus(back, body.position_m[a]);
+                body.velocity_m_s[a].carry_to(back, &mut body.position_m[a], &mut body.lost_m[a]);
                 for b in 0..3 {
                     let f = &mut body.deformation_gradient[a][b];
                     *f = rate[a][b].times_plus(back_per_cell, *f);
