@@ -127,6 +127,8 @@ pub fn shift_by(evaluation: &Evaluation, structure: &Structure, over_noise: &DVe
 const SINGULAR: f64 = 1e-12;
 /// Share of the prior's standard deviation above which a parameter counts as not identified.
 const IDENTIFIED_SHARE: f64 = 0.5;
+/// The same of ln E, whose prior is a range of orders of magnitude: E is known to a factor of 1.6 either way.
+const IDENTIFIED_LN_YOUNG: f64 = 0.5;
 /// How far the model's own bending stiffness may be off on the coarsest grid that the program takes
 /// ([`crate::sim::scene::MIN_CELLS_PER_DIAMETER`]).
 pub const STIFFNESS_ACCURACY: f64 = 0.05;
@@ -173,6 +175,10 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
             let se = covariance[(k, k)].sqrt().hypot(shift[k]);
             let theta = evaluation.theta[k];
             let inside = info.holds(theta);
+            let known = match k {
+                YOUNG => IDENTIFIED_LN_YOUNG,
+                _ => IDENTIFIED_SHARE * info.prior_sd,
+            };
             let (value, standard_error) = if k == YOUNG {
                 (theta.exp(), theta.exp() * se)
             } else {
@@ -183,7 +189,7 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
                 unit: info.unit.into(),
                 value,
                 standard_error,
-                identified: se < IDENTIFIED_SHARE * info.prior_sd
+                identified: se < known
                     && inside
                     && moves_m(evaluation, k, IDENTIFIED_SHARE * info.prior_sd) > unexplained_of_m(k),
             }
@@ -232,6 +238,19 @@ mod tests {
         };
         assert!((of_young(&alike) - 0.004).abs() < 1e-4, "{}", of_young(&alike));
         assert!(of_young(&evaluation(4e-4)) < 1e-4);
+    }
+
+    /// A rope that hangs at rest tells E to a factor of a hundred: less than its range, and still nothing.
+    #[test]
+    fn a_stiffness_known_to_no_factor_of_two_is_not_identified() {
+        for (noise_m, identified) in [(0.01, true), (0.1, false)] {
+            let mut noisy = evaluation(4e-4);
+            for row in noisy.rows.iter_mut().flatten() {
+                (row.offset_m, row.sigma_m) = (row.offset_m * 1e6 * noise_m, noise_m);
+            }
+            let young = &estimates(&noisy, &Structure::default())[YOUNG];
+            assert_eq!(young.identified, identified, "{young:?}");
+        }
     }
 
     #[test]
