@@ -1,5 +1,6 @@
 //! Two clocks: the cameras' shows more than the robot's by a constant. What a frame shows at its time t
-//! happened at t − τ on the robot's clock.
+//! happened at t − τ on the robot's clock. A rope that is first seen in motion begins by the cameras' clock: there the
+//! offset changes nothing ([`crate::sim::scene::Scene::clock_offset_s`]), as is right where its clamp stands still.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ObservationLaw;

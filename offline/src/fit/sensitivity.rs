@@ -181,7 +181,6 @@ impl Problem<'_> {
     ) -> Vec<(usize, Frames)> {
         let inputs = inputs::<f64, SEEN>(theta, columns, 0..theta.len());
         let physics = structure.physics(&inputs, 0.0);
-        let pivot_m = self.scenes[demo].start_m;
         let lifted = |points: &[[f64; 3]]| points.iter().map(|&p| lift3(p)).collect();
         let frames: Vec<Vec<Vec3<Dual<f64, SEEN>>>> = prediction
             .tracks
@@ -191,7 +190,7 @@ impl Problem<'_> {
                     points_m: lifted(&track.points_m),
                     velocities_m_s: lifted(&track.velocities_m_s),
                 };
-                track.seen(&physics, pivot_m)
+                track.seen(&physics, &self.scenes[demo])
             })
             .collect();
         tangents_of(&frames, columns)

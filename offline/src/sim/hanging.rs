@@ -152,7 +152,7 @@ pub(super) fn hang_still<T: Real>(
         dt_s: 0.0,
     };
     for (track, particles, grip_forces_n) in found {
-        rollout.frames.push(track.seen(physics, scene.start_m));
+        rollout.frames.push(track.seen(physics, scene));
         rollout.tracks.push(track);
         rollout.particles.extend(particles);
         rollout.grip_forces_n.push(grip_forces_n);

@@ -71,12 +71,24 @@ impl<'a, T: Real> Recorded<'a, T> {
     }
 
     /// Where something is at time `t_s` that follows the path p with a lag, minus where p is: y − p of T y' = p(t) − y for
-    /// T = `lag_s`, with y = p before the first knot.
+    /// T = `lag_s`. Before the first knot the path counts as having come there at that knot's rate for long: what follows a
+    /// clamp that moves at first is behind it already.
     ///
     /// It is −∫ p'(s) e^(−(t−s)/T) ds, to which every cubic piece of the path gives its part in closed form. None is larger
     /// than the piece, however short that is, so nothing cancels.
     pub fn behind(&self, lag_s: T, t_s: f64) -> Pose<T> {
         let mut behind = [T::zero(); 7];
+        let long_ago = self.long_ago(t_s, OfLag::input(lag_s.value(), 0));
+        if let Some(weight) = long_ago.map(|weight| linear(weight, lag_s)) {
+            let own = self.path.knots()[0].rate;
+            let by = self.shift.map(|shift| shift(0).rate);
+            for (k, behind) in behind.iter_mut().enumerate() {
+                *behind -= weight.scale(own[k]);
+                if let Some(by) = by {
+                    *behind -= weight * by[k];
+                }
+            }
+        }
         for (weights, part) in self.past(lag_s, t_s) {
             let w = weights.map(|w| linear(w, lag_s));
             let own = part.of(&|i| self.path.knots()[i].as_shift());
@@ -91,6 +103,15 @@ impl<'a, T: Real> Recorded<'a, T> {
             }
         }
         behind
+    }
+
+    /// Weight of the first knot's rate for the time before it: T e^(−(t−t₀)/T), from t₀ on; none where it is forgotten.
+    fn long_ago(&self, t_s: f64, lag: OfLag) -> Option<OfLag> {
+        let since_s = t_s - self.path.knots()[0].t_s;
+        if since_s <= 0.0 {
+            return Some(lag);
+        }
+        (since_s <= LAGS_REMEMBERED * lag.value).then(|| lag * (OfLag::of(-since_s) / lag).exp())
     }
 
     /// The parts of the path before time `t_s` that are remembered, newest first, with the weights of their steps and of
@@ -237,10 +258,14 @@ mod tests {
     fn stepped(path: &ClampPath, lag_s: f64, t_s: f64) -> Pose<f64> {
         let steps = 100_000;
         let from = path.knots()[0].t_s;
+        let mut before = path.pose(from);
+        let first = path.knots()[0].rate;
+        let mut y: Pose<f64> = std::array::from_fn(|k| before[k] - lag_s * first[k]);
+        if t_s <= from {
+            return y;
+        }
         let dt = (t_s - from) / f64::from(steps);
         let left = (-dt / lag_s).exp();
-        let mut y = path.pose(from);
-        let mut before = y;
         for step in 1..=steps {
             let now = path.pose(from + f64::from(step) * dt);
             for k in 0..7 {
@@ -301,7 +326,10 @@ mod tests {
         let behind = |t_s: f64| Recorded::new(&path, None).behind(Dual::<f64, 1>::input(0.0, 0), t_s);
         for t_s in [0.0, 0.1, 0.15, 0.2, 0.8, 2.0] {
             let before = 1e-7;
-            let rate = |k: usize| (path.pose(t_s)[k] - path.pose(t_s - before)[k]) / before;
+            let rate = |k: usize| match t_s {
+                ..=0.1 => path.knots()[0].rate[k],
+                _ => (path.pose(t_s)[k] - path.pose(t_s - before)[k]) / before,
+            };
             for (k, x) in behind(t_s).iter().enumerate() {
                 assert_eq!(x.value, 0.0);
                 assert!((x.tangent[0] + rate(k)).abs() < 1e-5, "at {t_s} s");

@@ -205,7 +205,7 @@ impl<'a, T: Real> Setup<'a, T> {
         let layout = scene.layout();
         let dt_s = scene.chosen_step_s(time_step_s(scene, physics))?;
         // A camera's clock that is behind sees the rope later than it says.
-        let late_s = (-physics.clock_offset_s().value()).max(0.0);
+        let late_s = (-scene.clock_offset_s(physics).value()).max(0.0);
         // Refuses before what every rollout needs of the size of the rope is built.
         let steps = scene.steps(dt_s, late_s, layout.particles())?;
         let material = Material::new(physics, &layout);
@@ -501,7 +501,7 @@ impl<'a, T: Real> Recorder<'a, T> {
     pub(super) fn record(&mut self, engine: &impl Engine<T>, state: usize, setup: &Setup<T>) {
         let now_s = setup.time_s(state);
         let physics = setup.context.physics;
-        let offset_s = physics.clock_offset_s().value();
+        let offset_s = self.scene.clock_offset_s(physics).value();
         while let Some(&due) = self.scene.frame_times_s.get(self.frames.len()) {
             // Before the start the rope lies as at the start.
             let due = (due - offset_s).max(0.0);
@@ -515,7 +515,7 @@ impl<'a, T: Real> Recorder<'a, T> {
                 points_m: middles.clone().map(|(p, v)| add(p, scaled(v, ahead_s))).collect(),
                 velocities_m_s: middles.map(|(_, v)| v).collect(),
             };
-            self.frames.push(track.seen(physics, self.scene.start_m));
+            self.frames.push(track.seen(physics, self.scene));
             self.tracks.push(track);
             if self.scene.keep_particles {
                 let at = |(place, velocity): (Vec3<T>, Vec3<T>)| add(place, scaled(velocity, ahead_s));

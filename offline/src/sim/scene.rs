@@ -4,7 +4,8 @@
 use super::clamp::{self, ClampPath, Knot, STIFFNESS};
 use super::error::{Cause, SimError};
 use super::grid::GridSpec;
-use super::real::Arithmetic;
+use super::physics::Physics;
+use super::real::{Arithmetic, Real};
 use super::rollout::perpendicular;
 use super::rope::{RopeLayout, RopeShape, Sampling};
 use super::start::Start;
@@ -487,6 +488,15 @@ impl Scene {
             }
         }
         Ok(())
+    }
+
+    /// What the cameras' clock shows above the simulation's, s: the robot's, by which ropes at rest begin to be moved. One that
+    /// is first seen in motion begins where and when the cameras saw it: by their clock.
+    pub fn clock_offset_s<T: Real>(&self, physics: &Physics<T>) -> T {
+        match self.start {
+            Start::Moving(_) => T::zero(),
+            _ => physics.clock_offset_s(),
+        }
     }
 
     /// Number of steps of `dt_s` to the end, or to the last frame if a camera takes it `late_s` after its

@@ -2,6 +2,7 @@
 
 use super::physics::Physics;
 use super::real::Real;
+use super::scene::Scene;
 use super::tensor::{Vec3, add, mul};
 
 /// A centreline in motion.
@@ -14,19 +15,19 @@ pub struct Track<T> {
 }
 
 impl<T: Real> Track<T> {
-    /// What the cameras report of it. The clocks' offset has chosen the time already; what is left of
+    /// What the cameras report of it in a scene. The clocks' offset has chosen the time already; what is left of
     /// it here are its tangents.
-    pub fn seen(&self, physics: &Physics<T>, pivot_m: [f64; 3]) -> Vec<Vec3<T>> {
+    pub fn seen(&self, physics: &Physics<T>, scene: &Scene) -> Vec<Vec3<T>> {
         let mut frame = self.points_m.clone();
         if physics.observation_laws.is_empty() {
             return frame;
         }
-        let offset_s = physics.clock_offset_s();
+        let offset_s = scene.clock_offset_s(physics);
         let tangents_s = T::of(offset_s.value()) - offset_s;
         for (point, &velocity) in frame.iter_mut().zip(&self.velocities_m_s) {
             *point = add(*point, mul(velocity, tangents_s));
             for law in &physics.observation_laws {
-                *point = add(*point, law.displacement_m(*point, pivot_m));
+                *point = add(*point, law.displacement_m(*point, scene.start_m));
             }
         }
         frame

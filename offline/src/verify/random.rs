@@ -324,7 +324,7 @@ fn shorten(scene: &mut Scene, physics: &Physics<f32>) {
     }
     scene.duration_s = scene.duration_s.min(affordable_s(scene, physics));
     scene.score_from_s = scene.score_from_s.min(scene.duration_s);
-    let late_s = f64::from(-physics.clock_offset_s()).max(0.0);
+    let late_s = f64::from(-scene.clock_offset_s(physics)).max(0.0);
     let last_s = scene.duration_s - late_s;
     scene.frame_times_s.retain(|&t_s| t_s < last_s);
     if last_s >= 0.0 {
