@@ -132,6 +132,35 @@ fn a_failure_says_its_cause_once_and_what_to_do_about_it() {
     }
 }
 
+/// A mistyped path must not cost a measurement.
+#[test]
+fn what_is_drawn_or_exported_replaces_no_file_but_a_drawing() {
+    let folder = tempfile::tempdir().unwrap();
+    let measured = folder.path().join("demo.toml");
+    let recorded = folder.path().join("original.mcap");
+    for file in [&measured, &recorded] {
+        std::fs::write(file, "measured").unwrap();
+        let path = file.to_str().unwrap();
+        for arguments in [
+            ["demo", "show", FIT, "--out", path],
+            ["demo", "export", "mcap", FIT, path],
+        ] {
+            let (code, said) = refusal(&arguments);
+            assert_eq!(code, Some(1), "{arguments:?}: {said}");
+            assert!(
+                said.contains("it would be replaced; choose another name"),
+                "{said}"
+            );
+            assert_eq!(std::fs::read(file).unwrap(), b"measured");
+        }
+    }
+    let drawing = folder.path().join("rope.svg");
+    for _ in 0..2 {
+        let (code, said) = refusal(&["demo", "show", FIT, "--out", drawing.to_str().unwrap()]);
+        assert_eq!(code, Some(0), "{said}");
+    }
+}
+
 #[test]
 fn a_part_may_begin_before_the_recording() {
     let folder = tempfile::tempdir().unwrap();

@@ -334,6 +334,18 @@ fn text_and_double_precision_clouds_with_colours_load() {
 }
 
 #[test]
+fn tables_with_nothing_in_them_or_old_line_ends_are_refused_as_that() {
+    for (text, why) in [
+        ("", "it is empty"),
+        ("\n \n", "it is empty"),
+        ("t_s,x_m\r0,0\r", "end in CR alone"),
+    ] {
+        let spoil = |dir: &Path| fs::write(dir.join("clamp_0.csv"), text).expect("the folder is writable");
+        refused(&cloud_demo(), spoil, "clamp_0.csv", why);
+    }
+}
+
+#[test]
 fn tables_written_on_other_systems_load() {
     let (_parent, dir) = saved(&cloud_demo());
     let text = "\u{feff}closed, z_m ,y_m,x_m,t_s\r\ntrue,0.007,0,0,0\r\nfalse,0.01,0,0,1e-1\r\n";

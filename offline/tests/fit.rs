@@ -3,7 +3,9 @@
 
 mod program;
 
+use offline::demo::Demo;
 use program::offline;
+use std::path::Path;
 
 #[test]
 fn a_fit_says_what_it_found_and_that_nobody_has_looked_for_more() {
@@ -41,5 +43,25 @@ fn a_fit_says_what_it_found_and_that_nobody_has_looked_for_more() {
         &record["hashes"]["model"],
     ] {
         assert_eq!(hash.as_str().map(str::len), Some(16), "{record}");
+    }
+    says_that_it_simulates_another_rope(&out, &folder.path().join("heavier"));
+}
+
+/// Of a run's rope in the place of another only stiffness and effects are taken.
+fn says_that_it_simulates_another_rope(run: &Path, heavier: &Path) {
+    let mut demo = Demo::load("demos/sample-rope/fit").unwrap();
+    demo.spec.rope.mass_kg *= 2.0;
+    demo.save(heavier).unwrap();
+    for (demo, warns) in [
+        (Path::new("offline/demos/sample-rope/fit"), false),
+        (heavier, true),
+    ] {
+        let [run, demo] = [run, demo].map(|path| path.to_str().unwrap());
+        let output = offline(&["simulate", "--model", run, "--demo", demo])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(said.contains("the model is of another rope"), warns, "{said}");
     }
 }

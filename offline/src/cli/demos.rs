@@ -5,7 +5,9 @@ use super::output::print;
 use super::{WrongUse, note_line};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
-use offline::demo::{Demo, StartState, plot_svg, refuse_to_replace, summary, warnings};
+use offline::demo::{
+    Demo, StartState, plot_svg, refuse_to_replace, refuse_to_replace_file, summary, warnings,
+};
 use offline::inspect::{inspect as inspect_blob, stale};
 use offline::model_file::ModelFile;
 use offline::run_files::{RunFolder, write_whole};
@@ -114,6 +116,7 @@ pub fn write(demo: &Demo, folder: &Path, json: bool) -> anyhow::Result<()> {
 pub fn show(folder: &Path, out: Option<PathBuf>, json: bool) -> anyhow::Result<()> {
     let demo = Demo::load(folder)?;
     let out = out.unwrap_or_else(|| PathBuf::from(format!("{}.svg", demo.name)));
+    refuse_to_replace_file(&out, Some("svg"))?;
     write_whole(&out, plot_svg(&demo).as_bytes())?;
     if json {
         print(serde_json::json!({ "written": out.display().to_string() }))

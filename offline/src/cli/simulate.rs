@@ -179,6 +179,14 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
         refuse_to_replace(out)?;
     }
     let demo = Demo::load_to_simulate(&folder)?;
+    if rope
+        .shape
+        .is_some_and(|own| own != RopeShape::of_spec(&demo.spec.rope))
+    {
+        note(
+            "warning: the model is of another rope than this demonstration's: size and mass are the demonstration's",
+        );
+    }
     let resolution = Resolution {
         cells: arguments.cells,
     };
@@ -227,8 +235,8 @@ fn say(demo: &Demo, played: &Played, out: Option<&Path>, json: bool) -> anyhow::
     ))?;
     match &played.residual {
         Some(r) => print(format_args!(
-            "the measured rope lies {:.2} mm (rms) from it, {:.1} times the declared noise; {} offsets",
-            r.rms_mm, r.floors, r.rows
+            "{} offsets of the measured rope from it: {:.2} mm (rms of each), {:.1} times what noise_m makes of them",
+            r.rows, r.rms_mm, r.floors
         ))?,
         None => print("too little of the rope was measured to compare")?,
     }

@@ -2,7 +2,7 @@
 //! CDR. What messages cannot say, `demo.toml`, goes along as an attachment.
 
 use super::ros::{self, Bool, FLOAT32, Header, Message, PointCloud2, PointField, PoseStamped, Time};
-use super::{ClampSample, Demo, DemoError, Observations};
+use super::{ClampSample, Demo, DemoError, Observations, refuse_to_replace_file};
 use mcap::{Attachment, WriteOptions, Writer, records::MessageHeader};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -37,11 +37,12 @@ struct Entry {
     data: Vec<u8>,
 }
 
-/// Writes a demonstration with clouds as an MCAP file, whole or not at all.
+/// Writes a demonstration with clouds as an MCAP file, whole or not at all; one that is there may be a measurement, and stays.
 ///
 /// # Errors
-/// The demonstration holds markers, which have no ROS message, or the file cannot be written.
+/// The demonstration holds markers, which have no ROS message, the file is there, or it cannot be written.
 pub fn export_mcap(demo: &Demo, file: &Path) -> Result<(), DemoError> {
+    refuse_to_replace_file(file, None)?;
     let bytes = recording(demo).map_err(|problem| {
         DemoError::new(
             file,

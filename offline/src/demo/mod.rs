@@ -25,7 +25,7 @@ pub use plausible::clock_problem;
 pub use read::files;
 pub use recording::recording;
 pub use summary::{summary, warnings};
-pub use write::refuse_to_replace;
+pub use write::{refuse_to_replace, refuse_to_replace_file};
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};

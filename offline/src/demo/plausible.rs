@@ -148,15 +148,36 @@ impl Demo {
         Self::load(&dir)?.for_a_simulation(dir)
     }
 
-    /// Itself, as it was read from a folder.
+    /// Itself, as it was read from a folder, in the plane where it is planar.
     ///
     /// # Errors
     /// It cannot be true of any rope, or no simulation begins with its clock.
     pub fn for_a_simulation(self, dir: impl AsRef<Path>) -> Result<Self, DemoError> {
-        match impossibility(&self, &frames(&self)) {
+        let demo = self.in_plane();
+        match impossibility(&demo, &frames(&demo)) {
             Some([problem, remedy]) => Err(DemoError::new(dir.as_ref(), problem, remedy)),
-            None => Ok(self),
+            None => Ok(demo),
         }
+    }
+
+    /// Where only x and z were measured, whatever stands for y is made that of the first clamp, or zero.
+    pub(super) fn in_plane(mut self) -> Self {
+        if !self.spec.planar {
+            return self;
+        }
+        let first = self.clamps.first().and_then(|path| path.first());
+        let y_m = first.map_or(0.0, |sample| sample.position_m[1]);
+        let commanded = self.commanded.iter_mut().flatten();
+        let samples = self.clamps.iter_mut().chain(commanded).flatten();
+        samples.for_each(|sample| sample.position_m[1] = y_m);
+        match &mut self.observations {
+            Observations::Markers(samples) => samples.iter_mut().for_each(|m| m.position_m[1] = y_m),
+            Observations::Clouds(frames) => {
+                let points = frames.iter_mut().flat_map(|frame| &mut frame.points_m);
+                points.for_each(|point| point[1] = y_m);
+            }
+        }
+        self
     }
 }
 
@@ -189,11 +210,29 @@ pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
         Observations::Clouds(_) => found.extend(clouds_off_clamps(demo, frames)),
     }
     let straight = demo.spec.start == StartState::Straight;
-    let clouds = matches!(demo.observations, Observations::Clouds(_));
-    if straight && clouds && matches!(demo.spec.scene, SceneKind::Lift | SceneKind::Swing) {
-        found.extend(straight_start(demo, frames));
+    if straight && matches!(demo.spec.scene, SceneKind::Lift | SceneKind::Swing) {
+        found.extend(match &demo.observations {
+            Observations::Clouds(_) => straight_start(demo, frames),
+            Observations::Markers(samples) => straight_markers(demo, samples).into_iter().collect(),
+        });
+    }
+    for (index, path) in demo.clamps.iter().enumerate() {
+        found.extend(gripping(path).map(|wrong| format!("clamp {index} {wrong}")));
     }
     found
+}
+
+/// What is odd in when a clamp holds: one that holds the rope opens once, or never.
+fn gripping(path: &[ClampSample]) -> Option<String> {
+    if !path.iter().any(|sample| sample.closed) {
+        return Some("never holds the rope; give closed = 1 for as long as it does".into());
+    }
+    let again = path.windows(2).find(|pair| !pair[0].closed && pair[1].closed)?;
+    Some(format!(
+        "closes at {:.2} s, and then drags what it held at first to where it is; cut the recording before, and see that \
+         closed = 1 means that it holds",
+        again[1].t_s
+    ))
 }
 
 /// Pose of a clamp at the sample before or at a time; none while it is open.
@@ -286,20 +325,46 @@ fn clouds_off_clamps(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
     found
 }
 
+/// Where the start of a rope that lies straight is, m: its first clamp holds one of its ends.
+fn straight_from(demo: &Demo) -> Option<Vector3<f64>> {
+    let (path, clamp) = (demo.clamps.first()?, demo.spec.clamps.first()?);
+    let rope = &demo.spec.rope;
+    let back_m = match clamp.end {
+        RopeEnd::Start => 0.0,
+        RopeEnd::End => rope.length_m,
+    };
+    Some(Vector3::from(path[0].position_m) - back_m * Vector3::from(rope.direction))
+}
+
+/// Markers of the first instant of a rope that lies straight: each where its arc length says.
+fn straight_markers(demo: &Demo, samples: &[MarkerSample]) -> Option<String> {
+    let start = straight_from(demo)?;
+    let rope = &demo.spec.rope;
+    let allowed = rope.diameter_m + 5.0 * demo.spec.noise_m;
+    let first = samples.chunk_by(|a, b| a.t_s == b.t_s).next()?;
+    let off_m = |marker: &MarkerSample| {
+        let place = start + marker.s_m * Vector3::from(rope.direction);
+        (Vector3::from(marker.position_m) - place).norm()
+    };
+    let off = first.iter().filter(|marker| off_m(marker) > allowed).count();
+    let worst_m = first.iter().map(off_m).fold(0.0, f64::max);
+    (off as f64 > FEW * first.len() as f64).then(|| {
+        format!(
+            "{off} of the first {} markers lie off the straight rope, by up to {:.0} mm; check the rope's direction and the \
+             markers' s_m, or declare another start",
+            first.len(),
+            1e3 * worst_m
+        )
+    })
+}
+
 /// The first cloud of a rope that lies straight: as long as the rope, and on its line.
 fn straight_start(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
-    let (Some(first), Some(path), Some(clamp)) =
-        (frames.first(), demo.clamps.first(), demo.spec.clamps.first())
-    else {
+    let (Some(first), Some(start)) = (frames.first(), straight_from(demo)) else {
         return Vec::new();
     };
     let rope = &demo.spec.rope;
     let along = Vector3::from(rope.direction);
-    let start = Vector3::from(path[0].position_m)
-        - match clamp.end {
-            RopeEnd::Start => Vector3::zeros(),
-            RopeEnd::End => rope.length_m * along,
-        };
     let mut found = Vec::new();
     let shares = first
         .points
@@ -465,6 +530,44 @@ mod tests {
         };
         demo.observations = Observations::Markers((1..5).map(marker).collect());
         demo
+    }
+
+    #[test]
+    fn a_gripper_that_never_holds_or_closes_again_is_noticed() {
+        let mut demo = shipped();
+        let half = demo.clamps[0].len() / 2;
+        demo.clamps[0][..half]
+            .iter_mut()
+            .for_each(|sample| sample.closed = false);
+        warned(&demo, "clamp 0 closes at");
+        demo.clamps[0].iter_mut().for_each(|sample| sample.closed = false);
+        warned(&demo, "clamp 0 never holds");
+    }
+
+    #[test]
+    fn markers_that_lie_in_another_direction_than_the_rope_are_noticed() {
+        let mut demo = marked();
+        demo.spec.rope.direction = [0.0, 1.0, 0.0];
+        warned(
+            &demo,
+            "4 of the first 4 markers lie off the straight rope, by up to 283 mm",
+        );
+    }
+
+    /// What a camera makes of the depth that it does not see is no reason to refuse a recording.
+    #[test]
+    fn of_a_planar_recording_y_says_nothing() {
+        let mut demo = marked();
+        let Observations::Markers(samples) = &mut demo.observations else {
+            panic!("markers");
+        };
+        samples.iter_mut().for_each(|m| m.position_m[1] += 7.0);
+        let said = |demo: &Demo| contradictions(demo, &frames(demo)).len();
+        assert!(said(&demo) > 0);
+        demo.spec.planar = true;
+        let plain = warnings(&marked());
+        assert_eq!(warnings(&demo), plain);
+        assert!(demo.for_a_simulation("here").is_ok());
     }
 
     #[test]

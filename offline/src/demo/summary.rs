@@ -83,6 +83,8 @@ fn assumption(measure: RopeMeasure) -> &'static str {
 
 /// What is allowed but looks wrong, one line each; empty for a plausible demonstration.
 pub fn warnings(demo: &Demo) -> Vec<String> {
+    let in_plane = demo.spec.planar.then(|| demo.clone().in_plane());
+    let demo = in_plane.as_ref().unwrap_or(demo);
     let frames = frames(demo);
     let mut found = Vec::new();
     found.extend(timing(demo, &frames));

@@ -19,7 +19,15 @@ impl Table {
     /// Reads `file`, whose columns must be all of `required` and any of `optional`, in any order.
     pub(super) fn read(file: &Path, required: &[&str], optional: &[&str]) -> Result<Self, DemoError> {
         let text = std::fs::read_to_string(file).map_err(|e| DemoError::io(file, "reading", &e))?;
-        if !text.is_empty() && !text.ends_with('\n') {
+        if text.trim().is_empty() {
+            let columns = format!("begin with a line that names the columns {}", required.join(","));
+            return Err(DemoError::new(file, "it is empty", columns));
+        }
+        if text.contains('\r') && !text.contains('\n') {
+            let remedy = "save it with lines that end in LF or CR LF";
+            return Err(DemoError::new(file, "its lines end in CR alone", remedy));
+        }
+        if !text.ends_with('\n') {
             let line = text.lines().count();
             return Err(DemoError::new(
                 file,

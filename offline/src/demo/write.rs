@@ -78,6 +78,23 @@ pub fn refuse_to_replace(dir: &Path) -> Result<(), DemoError> {
     Ok(())
 }
 
+/// Refuses a file that is there, unless its name ends in `drawn`, an extension of what can be made again: a mistyped path
+/// must not cost a user a measurement.
+///
+/// # Errors
+/// It is there.
+pub fn refuse_to_replace_file(file: &Path, drawn: Option<&str>) -> Result<(), DemoError> {
+    let made_again = drawn.is_some_and(|drawn| file.extension().is_some_and(|own| own == drawn));
+    if file.is_file() && !made_again {
+        return Err(DemoError::new(
+            file,
+            "a file is there, and it would be replaced",
+            "choose another name, or remove it first",
+        ));
+    }
+    Ok(())
+}
+
 /// Refuses a folder that no demonstration may be written as: it is there, and neither empty nor a demonstration.
 fn refuse_anything_else(dir: &Path) -> Result<(), DemoError> {
     match std::fs::metadata(dir) {
