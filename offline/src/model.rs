@@ -185,7 +185,7 @@ pub struct Estimate {
     pub value: f64,
     /// Standard error, correlation of the residual taken into account.
     pub standard_error: f64,
-    /// Whether the data say anything about it beyond the prior.
+    /// Whether the data say much about it beyond the prior; of E, whether it is known to a factor of 1.6.
     pub identified: bool,
 }
 

@@ -2,12 +2,11 @@
 
 use super::output::{command_line, note, print};
 use super::progress::Reporter;
-use super::told::{say_beside, say_estimates, say_identified, say_learned, say_rollouts};
+use super::told::{noise_doubt, say_beside, say_estimates, say_identified, say_learned, say_rollouts};
 use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::{Progress, Watch};
-use offline::diagnose::LEAST_NOISE_SCALE;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
@@ -274,11 +273,8 @@ impl Job<'_> {
     }
 
     fn warn(&self, fitted: &FitResult, noise_scale: Option<f64>) {
-        if noise_scale.is_some_and(|scale| scale <= LEAST_NOISE_SCALE) {
-            self.reporter.say(&format!(
-                "warning: frames at rest scatter by {LEAST_NOISE_SCALE} of noise_m or less, and noise smaller than that is not \
-                 believed: what the noise explains, and every verdict, hangs on noise_m; correct it in demo.toml, m",
-            ));
+        if let Some(doubt) = noise_scale.and_then(noise_doubt) {
+            self.reporter.say(&format!("warning: {doubt}"));
         }
         let (demos, _) = self.inputs.members();
         for warning in misfits(&demos, &fitted.best) {

@@ -166,26 +166,22 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
             None => Ok(shipped()?[0].clone()),
         }
     };
-    if let Some(release) = &arguments.release {
-        let shape = match (rope.shape, &arguments.demo) {
-            (Some(shape), None) => shape,
-            _ => RopeShape::of_spec(&Demo::load_to_simulate(folder()?)?.spec.rope),
-        };
+    if let (Some(release), Some(shape), None) = (&arguments.release, rope.shape, &arguments.demo) {
         return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
     }
-    let folder = folder()?;
     if let Some(out) = &arguments.out {
         // Before minutes of simulation, not after them.
         refuse_to_replace(out)?;
     }
-    let demo = Demo::load_to_simulate(&folder)?;
-    if rope
-        .shape
-        .is_some_and(|own| own != RopeShape::of_spec(&demo.spec.rope))
-    {
+    let demo = Demo::load_to_simulate(folder()?)?;
+    let shape = RopeShape::of_spec(&demo.spec.rope);
+    if rope.shape.is_some_and(|own| !own.is_of_one_rope(&shape)) {
         note(
-            "warning: the model is of another rope than this demonstration's: size and mass are the demonstration's",
+            "warning: the model is of another rope than the demonstration: size and mass are the demonstration's",
         );
+    }
+    if let Some(release) = &arguments.release {
+        return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
     }
     let resolution = Resolution {
         cells: arguments.cells,

@@ -2,7 +2,7 @@
 
 use super::progress::Reporter;
 use offline::collect::DatasetSummary;
-use offline::diagnose::Advice;
+use offline::diagnose::{Advice, LEAST_NOISE_SCALE};
 use offline::evaluate::Evaluation;
 use offline::fit::FINER;
 use offline::model::Estimate;
@@ -30,6 +30,27 @@ pub(super) fn say_identified(identified: &Identified, reporter: &Reporter) {
         reporter.say(&format!("what is left: {}", force.in_words));
     }
     say_advice(&identified.advice, reporter);
+}
+
+/// Times the declared noise by which frames at rest may scatter without doubt of it.
+const MOST_NOISE_SCALE: f64 = 3.0;
+
+/// What is doubtful in the declared noise, where frames at rest scatter by so many times as much. It says how the points of a
+/// cloud lie about the rope's surface, too.
+pub(super) fn noise_doubt(scale: f64) -> Option<String> {
+    if scale <= LEAST_NOISE_SCALE {
+        Some(format!(
+            "frames at rest scatter by {LEAST_NOISE_SCALE} of noise_m or less, and noise smaller than that is not believed: what \
+             the noise explains, and every verdict, hangs on noise_m; correct it in demo.toml, m"
+        ))
+    } else if scale > MOST_NOISE_SCALE {
+        Some(format!(
+            "frames at rest scatter by {scale:.1} times noise_m; so much counts as noise, but clouds are read as if their points \
+             scattered by noise_m: correct it in demo.toml, m"
+        ))
+    } else {
+        None
+    }
 }
 
 pub(super) fn say_estimates(estimates: &[Estimate], reporter: &Reporter) {
@@ -127,5 +148,23 @@ pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {
             miss.spread_mm,
             miss.count
         ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_noise_that_frames_at_rest_contradict_is_doubted() {
+        for (scale, word) in [
+            (0.1, Some("0.1 of noise_m")),
+            (1.2, None),
+            (10.0, Some("10.0 times noise_m")),
+        ] {
+            let doubt = noise_doubt(scale);
+            assert_eq!(doubt.is_some(), word.is_some(), "{scale}");
+            assert!(word.is_none_or(|word| doubt.unwrap().contains(word)), "{scale}");
+        }
     }
 }

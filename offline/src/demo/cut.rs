@@ -57,10 +57,10 @@ impl Demo {
         part.keep_paths(first_s, last_s);
         part.turn_directions(self);
         part.drop_open_clamps();
-        if start == StartState::Rest && part.clamps.is_empty() {
+        if part.clamps.is_empty() && !self.spec.is_static() {
             return fail(
-                format!("no clamp holds the rope at {first_s} s, from which it would hang"),
-                "begin where one holds it: what a rope does that is let go is simulated from before that",
+                format!("no clamp holds the rope at {first_s} s"),
+                "begin where one does: what a rope does that is let go is simulated from before that",
             );
         }
         if !self.spec.is_static() {

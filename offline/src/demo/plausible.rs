@@ -1,5 +1,6 @@
 //! What cannot be true of a rope: scales, axes, clamps and cameras that contradict each other.
 
+use super::rest::has_moved;
 use super::summary::{Frame, distance, fastest, frames, known_s, share_under_table, usual_gap_s};
 use super::{
     CameraSpec, ClampSample, Demo, DemoError, MarkerSample, Observations, RopeEnd, SceneKind, StartState,
@@ -216,21 +217,26 @@ pub(super) fn contradictions(demo: &Demo, frames: &[Frame<'_>]) -> Vec<String> {
             Observations::Markers(samples) => straight_markers(demo, samples).into_iter().collect(),
         });
     }
+    let last_s = frames.last().map_or(0.0, |frame| frame.t_s);
     for (index, path) in demo.clamps.iter().enumerate() {
-        found.extend(gripping(path).map(|wrong| format!("clamp {index} {wrong}")));
+        found.extend(gripping(path, last_s).map(|wrong| format!("clamp {index} {wrong}")));
     }
     found
 }
 
-/// What is odd in when a clamp holds: one that holds the rope opens once, or never.
-fn gripping(path: &[ClampSample]) -> Option<String> {
+/// What is odd in when a clamp holds, as far as it is simulated: one that holds the rope opens once, or never, and grips what
+/// lies where it stood at first.
+fn gripping(path: &[ClampSample], last_s: f64) -> Option<String> {
     if !path.iter().any(|sample| sample.closed) {
         return Some("never holds the rope; give closed = 1 for as long as it does".into());
     }
-    let again = path.windows(2).find(|pair| !pair[0].closed && pair[1].closed)?;
+    let elsewhere =
+        |sample: &ClampSample| has_moved(sample, &path[0]) && (0.0..=last_s).contains(&sample.t_s);
+    let mut pairs = path.windows(2);
+    let again = pairs.find(|pair| !pair[0].closed && pair[1].closed && elsewhere(&pair[1]))?;
     Some(format!(
-        "closes at {:.2} s, and then drags what it held at first to where it is; cut the recording before, and see that \
-         closed = 1 means that it holds",
+        "closes at {:.2} s where it did not stand at first, and would drag there what it holds then; `offline demo cut` keeps \
+         what is before (--to) or after (--from), and closed = 1 means that it holds",
         again[1].t_s
     ))
 }
@@ -342,6 +348,11 @@ fn straight_markers(demo: &Demo, samples: &[MarkerSample]) -> Option<String> {
     let rope = &demo.spec.rope;
     let allowed = rope.diameter_m + 5.0 * demo.spec.noise_m;
     let first = samples.chunk_by(|a, b| a.t_s == b.t_s).next()?;
+    // Cameras may begin while the clamp moves already.
+    let path = demo.clamps.first()?;
+    if clamp_at(path, first[0].t_s).is_none_or(|now| has_moved(now, &path[0])) {
+        return None;
+    }
     let off_m = |marker: &MarkerSample| {
         let place = start + marker.s_m * Vector3::from(rope.direction);
         (Vector3::from(marker.position_m) - place).norm()
@@ -535,10 +546,19 @@ mod tests {
     #[test]
     fn a_gripper_that_never_holds_or_closes_again_is_noticed() {
         let mut demo = shipped();
+        let first = demo.clamps[0][0].position_m;
+        let still = |sample: &&ClampSample| sample.position_m == first;
+        let stands = demo.clamps[0].iter().take_while(still).count();
+        for sample in &mut demo.clamps[0][..stands - 1] {
+            sample.closed = false;
+        }
+        let said = warnings(&demo);
+        let closes = |warning: &String| warning.contains("closes");
+        assert!(!said.iter().any(closes), "gripped before it is lifted: {said:?}");
         let half = demo.clamps[0].len() / 2;
-        demo.clamps[0][..half]
-            .iter_mut()
-            .for_each(|sample| sample.closed = false);
+        for sample in &mut demo.clamps[0][..half] {
+            sample.closed = false;
+        }
         warned(&demo, "clamp 0 closes at");
         demo.clamps[0].iter_mut().for_each(|sample| sample.closed = false);
         warned(&demo, "clamp 0 never holds");

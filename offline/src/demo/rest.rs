@@ -37,17 +37,19 @@ impl Demo {
     }
 }
 
+/// Whether a clamp has moved or turned from one sample to another.
+pub(super) fn has_moved(sample: &ClampSample, from: &ClampSample) -> bool {
+    let apart = |a: &[f64], b: &[f64], most: f64| a.iter().zip(b).any(|(a, b)| (a - b).abs() > most);
+    apart(&sample.position_m, &from.position_m, MOVED_M)
+        || apart(&sample.quaternion_xyzw, &from.quaternion_xyzw, TURNED)
+}
+
 /// Until when a clamp is as at first, s: it opens or closes at the sample that says so, but may move from the last sample
 /// at which it has not.
 fn changes_at_s(path: &[ClampSample]) -> Option<f64> {
     let first = path.first()?;
-    let apart = |a: &[f64], b: &[f64], most: f64| a.iter().zip(b).any(|(a, b)| (a - b).abs() > most);
-    let moved = |sample: &ClampSample| {
-        apart(&sample.position_m, &first.position_m, MOVED_M)
-            || apart(&sample.quaternion_xyzw, &first.quaternion_xyzw, TURNED)
-    };
     path.windows(2).find_map(|pair| {
-        if moved(&pair[1]) {
+        if has_moved(&pair[1], first) {
             Some(pair[0].t_s.next_up())
         } else {
             (pair[1].closed != first.closed).then_some(pair[1].t_s)

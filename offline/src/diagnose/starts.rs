@@ -1,21 +1,14 @@
 //! Where refits start: the model's own parameters as the data told them, changed as an effect's score says.
 
-use crate::fit::{Evaluation, YOUNG, estimates};
+use crate::fit::{Evaluation, YOUNG, tells};
 use crate::model::{ParameterInfo, Structure};
 
 /// θ of a model where the data told it, the prior's centre where they did not; and whether they did.
 pub(super) fn told(best: &Evaluation, structure: &Structure) -> Vec<(f64, bool)> {
-    let all = estimates(best, structure);
-    let entries = all.iter().zip(&best.theta).zip(structure.parameters());
+    let all = tells(best, structure).into_iter();
+    let entries = all.zip(&best.theta).zip(structure.parameters());
     entries
-        .map(|((estimate, &theta), info)| {
-            let value = if estimate.identified {
-                theta
-            } else {
-                info.prior_mean
-            };
-            (value, estimate.identified)
-        })
+        .map(|((told, &theta), info)| (if told { theta } else { info.prior_mean }, told))
         .collect()
 }
 

@@ -1,6 +1,7 @@
 //! Two clocks: the cameras' shows more than the robot's by a constant. What a frame shows at its time t
 //! happened at t − τ on the robot's clock. A rope that is first seen in motion begins by the cameras' clock: there the
-//! offset changes nothing ([`crate::sim::scene::Scene::clock_offset_s`]), as is right where its clamp stands still.
+//! offset changes nothing ([`crate::sim::scene::Scene::clock_offset_s`]), as is right where its clamp stands still; of one that
+//! moves its path is late by the offset, which is not modelled: there a diagnosis says that it could not try this effect.
 
 use super::{EffectSpec, ParameterSpec, Quantity, Slope};
 use crate::sim::physics::ObservationLaw;

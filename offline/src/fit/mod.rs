@@ -26,4 +26,4 @@ pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_from, fit_starts};
-pub use uncertainty::{STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by};
+pub use uncertainty::{STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by, tells};

@@ -1,7 +1,6 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
 use super::cost::huber;
-use super::kinds::{flows, opens_late, turns_in_grip};
 use super::push::Pushes;
 use super::sensitivity::{Prediction, Trace};
 use super::share::FrameShare;
@@ -152,20 +151,6 @@ impl<'a> Problem<'a> {
             }
         }
         self
-    }
-
-    /// Why an effect cannot be told by these demonstrations, if it cannot.
-    pub fn untold(&self, effect: usize) -> Option<&'static str> {
-        let some_hang = self.scenes.iter().any(|scene| scene.start.hang().is_some());
-        if some_hang && flows(effect) {
-            Some("where a rope hangs that gives way depends on how it got there")
-        } else if !some_hang && turns_in_grip(effect) {
-            Some("a rope that lies straight was gripped as it lay")
-        } else if opens_late(effect) && self.scenes.iter().all(Scene::holds_throughout) {
-            Some("no clamp lets go in these demonstrations")
-        } else {
-            None
-        }
     }
 
     /// Residuals without derivatives.

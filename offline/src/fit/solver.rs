@@ -30,6 +30,9 @@ impl Default for FitOptions {
     }
 }
 
+/// A valley that costs so many times as much as the cheapest start is none to descend into.
+const HOPELESS: f64 = 10.0;
+
 /// Fits from several starts and returns the best iterate of all.
 ///
 /// # Errors
@@ -38,11 +41,13 @@ pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Re
     let starts = options.starts_pa.iter().map(|&pa| structure.start(pa)).collect();
     let mut scored = scored(problem, structure, starts);
     let costs: Vec<f64> = scored.iter().map(Result::as_ref).map(cost).collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     for (k, start) in scored.iter_mut().enumerate() {
         let neighbours = [k.checked_sub(1), Some(k + 1)];
         let lower = |other: usize| costs.get(other).is_some_and(|&other| other < costs[k]);
         if let Ok(start) = start {
-            start.on_slope = neighbours.into_iter().flatten().any(lower);
+            let is_low = start.cost <= HOPELESS * least;
+            start.in_valley = is_low && !neighbours.into_iter().flatten().any(lower);
         }
     }
     follow(scored, structure, options)
@@ -67,8 +72,8 @@ struct Scored<'a> {
     theta: Vec<f64>,
     /// Settled there.
     here: Problem<'a>,
-    /// Whether a neighbour costs less: a descent from there leads to the same end.
-    on_slope: bool,
+    /// Whether no neighbour costs less: another one leads to another end.
+    in_valley: bool,
 }
 
 fn cost(start: Result<&Scored, &FitError>) -> f64 {
@@ -89,7 +94,7 @@ fn scored<'a>(
             cost: total_cost(&residuals, &info),
             theta,
             here,
-            on_slope: false,
+            in_valley: false,
         })
     };
     starts.into_par_iter().map(score).collect()
@@ -108,7 +113,7 @@ fn follow(
             Err(error) => failure = failure.or(Some(error)),
         }
     }
-    starts.sort_by(|a, b| a.on_slope.cmp(&b.on_slope).then(a.cost.total_cmp(&b.cost)));
+    starts.sort_by(|a, b| b.in_valley.cmp(&a.in_valley).then(a.cost.total_cmp(&b.cost)));
     let mut best: Option<FitResult> = None;
     let mut ends = Vec::new();
     let mut starts = starts.into_iter();

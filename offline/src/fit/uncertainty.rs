@@ -3,7 +3,7 @@
 use super::correlation::Correlation;
 use super::cost::{normal_equations, weighted};
 use super::problem::Evaluation;
-use crate::model::{Estimate, POISSON_PRIOR, Structure};
+use crate::model::{Estimate, POISSON_PRIOR, ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
 
 /// Covariance of θ. Poisson's ratio, where the data do not tell it, keeps the width of its prior, and adds to the
@@ -149,8 +149,8 @@ pub(super) fn tells_poisson(evaluation: &Evaluation, accuracy: f64) -> bool {
 }
 
 /// θ with standard errors, E in Pa. A parameter counts as identified when its error is small against
-/// its prior, it is not at a bound, and a change of half its prior moves the rope by more than the
-/// model leaves unexplained: else that rest could pass for a value of it. Poisson's ratio must also move the rope
+/// its prior (that of E: where it is known to a factor of 1.6), it is not at a bound, and a change of as much as that error
+/// may be moves the rope by more than the model leaves unexplained: else that rest could pass for a value of it. Poisson's ratio must also move the rope
 /// by more than the model's stiffness may be wrong, an error that leaves nothing unexplained where the two look
 /// alike: by its noise alone a lift knows the ratio to a thousandth, and is off by a tenth on another grid.
 pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate> {
@@ -159,6 +159,26 @@ pub fn estimates(evaluation: &Evaluation, structure: &Structure) -> Vec<Estimate
 
 /// The same where each entry of θ may be off by `shift` besides, as one standard error.
 pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &[f64]) -> Vec<Estimate> {
+    judged(evaluation, structure, shift, |k, info| match k {
+        YOUNG => IDENTIFIED_LN_YOUNG,
+        _ => IDENTIFIED_SHARE * info.prior_sd,
+    })
+}
+
+/// Whether the data tell more of each entry of θ than its prior does, be it little: of E to a factor of a hundred.
+pub fn tells(evaluation: &Evaluation, structure: &Structure) -> Vec<bool> {
+    let least = |_, info: &ParameterInfo| IDENTIFIED_SHARE * info.prior_sd;
+    let judged = judged(evaluation, structure, &vec![0.0; evaluation.theta.len()], least);
+    judged.into_iter().map(|estimate| estimate.identified).collect()
+}
+
+/// The same where an entry counts as identified that is known to as much as `known` says.
+fn judged(
+    evaluation: &Evaluation,
+    structure: &Structure,
+    shift: &[f64],
+    known: impl Fn(usize, &ParameterInfo) -> f64,
+) -> Vec<Estimate> {
     let covariance = covariance(evaluation, structure);
     let unexplained_m = (evaluation.rms_m().powi(2) - evaluation.floor_m().powi(2))
         .max(0.0)
@@ -175,10 +195,7 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
             let se = covariance[(k, k)].sqrt().hypot(shift[k]);
             let theta = evaluation.theta[k];
             let inside = info.holds(theta);
-            let known = match k {
-                YOUNG => IDENTIFIED_LN_YOUNG,
-                _ => IDENTIFIED_SHARE * info.prior_sd,
-            };
+            let known = known(k, &info);
             let (value, standard_error) = if k == YOUNG {
                 (theta.exp(), theta.exp() * se)
             } else {
@@ -189,9 +206,7 @@ pub fn estimates_within(evaluation: &Evaluation, structure: &Structure, shift: &
                 unit: info.unit.into(),
                 value,
                 standard_error,
-                identified: se < known
-                    && inside
-                    && moves_m(evaluation, k, IDENTIFIED_SHARE * info.prior_sd) > unexplained_of_m(k),
+                identified: se < known && inside && moves_m(evaluation, k, known) > unexplained_of_m(k),
             }
         })
         .collect()

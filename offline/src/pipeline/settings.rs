@@ -5,6 +5,7 @@ use crate::fit::Resolution;
 use crate::freeze::{bounded, short};
 use crate::model_file::ModelFile;
 use crate::run_files::{Fnv64, hex, made_by, read_whole};
+use crate::sim::rope::RopeShape;
 use serde::{Deserialize, Serialize};
 use shared::blob::{MAX_DEMOS, NAME_BYTES};
 use std::path::{Path, PathBuf};
@@ -176,9 +177,7 @@ fn refuse_unusable(inputs: &Inputs, paths: &[&PathBuf]) -> anyhow::Result<()> {
         let path = path.display();
         let rope = &demo.spec.rope;
         anyhow::ensure!(
-            rope.length_m == first.length_m
-                && rope.diameter_m == first.diameter_m
-                && rope.mass_kg == first.mass_kg,
+            RopeShape::of_spec(rope).is_of_one_rope(&RopeShape::of_spec(first)),
             "{path}: its rope differs from that of {} in length, diameter or mass; one run identifies one rope, so give \
              each rope its own",
             paths[0].display()

@@ -183,8 +183,8 @@ fn parameters(
         p.quiet {
             "± is one standard error: noise with its correlation and, in the final model, how far a finer grid, "
             "thinner slices and another place on the grid would move the value; errors of the model itself are not in it. "
-            "A parameter is not identified where the data say little "
-            "beyond its prior; the value in brackets is then mostly the prior’s."
+            "A parameter is not identified where the data say little beyond its prior, or of Young’s modulus less than a "
+            "factor of 1.6; the value in brackets is then no more than one place in its range."
             @if !profiles.is_empty() {
                 " The interval is by profile likelihood: all that the data allow while every other parameter follows, "
                 "the simulation’s own error added."

@@ -45,7 +45,10 @@ impl<'a, T: Real> Recorded<'a, T> {
 
     /// Pose at time `t_s`.
     pub fn pose(&self, t_s: f64) -> Pose<T> {
-        let t = T::of(t_s);
+        self.pose_at(T::of(t_s))
+    }
+
+    fn pose_at(&self, t: T) -> Pose<T> {
         let pose = self.path.pose(t);
         let Some(shift) = self.shift else { return pose };
         match self.path.span(t) {
@@ -71,22 +74,19 @@ impl<'a, T: Real> Recorded<'a, T> {
     }
 
     /// Where something is at time `t_s` that follows the path p with a lag, minus where p is: y − p of T y' = p(t) − y for
-    /// T = `lag_s`. Before the first knot the path counts as having come there at that knot's rate for long: what follows a
-    /// clamp that moves at first is behind it already.
+    /// T = `lag_s`. What follows a path that moves at first is behind it already: by as far as the path goes in a time T from
+    /// there, which is T p' but for the path's bend, and no larger than its jitter where it stands.
     ///
     /// It is −∫ p'(s) e^(−(t−s)/T) ds, to which every cubic piece of the path gives its part in closed form. None is larger
     /// than the piece, however short that is, so nothing cancels.
     pub fn behind(&self, lag_s: T, t_s: f64) -> Pose<T> {
         let mut behind = [T::zero(); 7];
-        let long_ago = self.long_ago(t_s, OfLag::input(lag_s.value(), 0));
-        if let Some(weight) = long_ago.map(|weight| linear(weight, lag_s)) {
-            let own = self.path.knots()[0].rate;
-            let by = self.shift.map(|shift| shift(0).rate);
+        if let Some(left) = self.left_of_start(t_s, OfLag::input(lag_s.value(), 0)) {
+            let left = linear(left, lag_s);
+            let (_, first) = self.first();
+            let ahead = self.pose_at(T::of(self.path.knots()[0].t_s) + lag_s);
             for (k, behind) in behind.iter_mut().enumerate() {
-                *behind -= weight.scale(own[k]);
-                if let Some(by) = by {
-                    *behind -= weight * by[k];
-                }
+                *behind -= left * (ahead[k] - first[k]);
             }
         }
         for (weights, part) in self.past(lag_s, t_s) {
@@ -105,13 +105,18 @@ impl<'a, T: Real> Recorded<'a, T> {
         behind
     }
 
-    /// Weight of the first knot's rate for the time before it: T e^(−(t−t₀)/T), from t₀ on; none where it is forgotten.
-    fn long_ago(&self, t_s: f64, lag: OfLag) -> Option<OfLag> {
-        let since_s = t_s - self.path.knots()[0].t_s;
-        if since_s <= 0.0 {
-            return Some(lag);
+    /// What is left at time `t_s` of how far behind something was at the first knot, from there on: e^(−(t−t₀)/T); none
+    /// where it is forgotten or the path stands still at first.
+    fn left_of_start(&self, t_s: f64, lag: OfLag) -> Option<OfLag> {
+        let first = &self.path.knots()[0];
+        let since_s = t_s - first.t_s;
+        if first.rate == [0.0; 7] || since_s > LAGS_REMEMBERED * lag.value {
+            None
+        } else if since_s <= 0.0 {
+            Some(OfLag::of(1.0))
+        } else {
+            Some((OfLag::of(-since_s) / lag).exp())
         }
-        (since_s <= LAGS_REMEMBERED * lag.value).then(|| lag * (OfLag::of(-since_s) / lag).exp())
     }
 
     /// The parts of the path before time `t_s` that are remembered, newest first, with the weights of their steps and of
@@ -259,8 +264,8 @@ mod tests {
         let steps = 100_000;
         let from = path.knots()[0].t_s;
         let mut before = path.pose(from);
-        let first = path.knots()[0].rate;
-        let mut y: Pose<f64> = std::array::from_fn(|k| before[k] - lag_s * first[k]);
+        let ahead = path.pose(from + lag_s);
+        let mut y: Pose<f64> = std::array::from_fn(|k| before[k] - (ahead[k] - before[k]));
         if t_s <= from {
             return y;
         }

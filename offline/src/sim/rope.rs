@@ -45,6 +45,15 @@ impl RopeShape {
         }
     }
 
+    /// Whether another shape may be the same rope's: what hangs at its end may differ.
+    pub fn is_of_one_rope(&self, other: &Self) -> bool {
+        let without_end = |shape: &Self| Self {
+            end_mass_kg: 0.0,
+            ..*shape
+        };
+        without_end(self) == without_end(other)
+    }
+
     /// Volume, m³.
     pub fn volume_m3(&self) -> f64 {
         std::f64::consts::FRAC_PI_4 * self.diameter_m * self.diameter_m * self.length_m

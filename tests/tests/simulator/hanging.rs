@@ -304,8 +304,8 @@ fn left_in_motion(frame_s: f64, markers: usize, noise_m: f64) -> Vec<f64> {
     left
 }
 
-/// It begins where and when the cameras saw it, by their clock. Shown later, as a rope that begins by the robot's clock, it
-/// would seem to be 9 to 44 mm off for 20 to 100 ms, which no recording with a clamp that stands still can tell.
+/// It begins where and when the cameras saw it, by their clock; shown later, as a rope that begins by the robot's, it would seem
+/// to be 9 to 44 mm off for 20 to 100 ms, though the cameras told where it was. That its clamp then moves late is left out.
 #[test]
 fn a_clock_offset_moves_nothing_that_is_first_seen_in_motion() {
     let part = seen_in_motion(0.01, 6, 1e-3, 1);
