@@ -14,6 +14,7 @@ mod read;
 mod recording;
 mod rest;
 mod ros;
+mod straight;
 mod summary;
 mod table;
 mod write;
