@@ -36,6 +36,16 @@
 //! Seven swings on 1.5 cells (E from 0.2 to 4.3 MPa, three release points) reach within 0.9 mm of the same
 //! with a quarter of the step.
 //!
+//! # Rounding
+//!
+//! Rollouts run in single precision. A particle that creeps moves by less in a step than half the last digit of its place:
+//! summed up as they came, such steps were lost, the clamps' springs made up for it, and that bent the rope. The farther from
+//! the origin of the room, the more: a replay of the sample moved by 0.06 m lay 0.10 mm (rms) off, by 0.3 m 0.86 mm, by 1 m
+//! 2.4 mm, and the fit to it gave 0.61 for 0.56 MPa. What rounding leaves of each step is now carried on
+//! ([`real::Arithmetic::carry_to`]): two sample recordings lie 1 to 3 µm (rms) from double precision up to 1 m off, 4 µm
+//! at 3 m, on 1.5 and 2.5 cells. It costs what two runs of one bench differ by (16.9 and 16.3 ns, 15.8 and 17.7). The
+//! deformation gradient, which has no place in the room, needs none.
+//!
 //! # Inertia of a section
 //!
 //! Masses on nodes turn more slowly than what they stand for. The second moment of quadratic splines, h apart, about a
