@@ -57,18 +57,18 @@ impl Demo {
         part.keep_paths(first_s, last_s);
         part.turn_directions(self);
         part.drop_open_clamps();
-        if part.clamps.is_empty() && !self.spec.is_static() {
-            return fail(
-                format!("no clamp holds the rope at {first_s} s"),
-                "begin where one does: what a rope does that is let go is simulated from before that",
-            );
-        }
         if !self.spec.is_static() {
+            if part.clamps.is_empty() {
+                return fail(
+                    format!("no clamp holds the rope at {first_s} s"),
+                    "begin where one does: what a rope does that is let go is simulated from before that",
+                );
+            }
             part.spec.scene = SceneKind::Free;
             part.spec.start = start;
             part.shift(-first_s);
             // The first frame of a clamp that moves counts as one at rest.
-            if start == StartState::Rest && !part.clamps.is_empty() && part.rest_frames(&part.times_s()) < 2 {
+            if start == StartState::Rest && part.rest_frames(&part.times_s()) < 2 {
                 return fail(
                     format!("a clamp moves at {first_s} s, where the rope is said to rest"),
                     "begin where the clamps stand still and the rope has come to rest",

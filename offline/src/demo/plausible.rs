@@ -232,11 +232,15 @@ fn gripping(path: &[ClampSample], last_s: f64) -> Option<String> {
     ))
 }
 
-/// Pose of a clamp at the sample before or at a time; none while it is open.
-fn clamp_at(path: &[ClampSample], t_s: f64) -> Option<&ClampSample> {
+/// Sample of a clamp before or at a time, the first before that.
+pub(super) fn sample_at(path: &[ClampSample], t_s: f64) -> &ClampSample {
     let after = path.partition_point(|sample| sample.t_s <= t_s + 1e-9);
-    let sample = &path[after.saturating_sub(1)];
-    sample.closed.then_some(sample)
+    &path[after.saturating_sub(1)]
+}
+
+/// The same while the clamp holds; none while it is open.
+fn clamp_at(path: &[ClampSample], t_s: f64) -> Option<&ClampSample> {
+    Some(sample_at(path, t_s)).filter(|sample| sample.closed)
 }
 
 /// A chord is never longer than its arc, and somewhere, some time, almost as long.

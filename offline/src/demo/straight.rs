@@ -1,9 +1,9 @@
 //! Whether a rope that is said to lie straight at first does.
 
-use super::plausible::FEW;
+use super::plausible::{FEW, sample_at};
 use super::rest::has_moved;
 use super::summary::Frame;
-use super::{CameraSpec, ClampSample, Demo, MarkerSample, RopeEnd, rotation};
+use super::{CameraSpec, Demo, MarkerSample, RopeEnd, rotation};
 use nalgebra::Vector3;
 
 /// Share of the declared length that the first cloud of a straight rope is long at least: its ends may be hidden by the
@@ -26,9 +26,8 @@ fn straight_from(demo: &Demo) -> Option<Vector3<f64>> {
 
 /// Whether the first clamp has moved when something is first seen: cameras may begin late.
 fn moves_before(demo: &Demo, t_s: f64) -> bool {
-    let known = |path: &[ClampSample]| path.partition_point(|sample| sample.t_s <= t_s).max(1);
-    let path = demo.clamps.first().map(Vec::as_slice);
-    path.is_some_and(|path| has_moved(&path[known(path) - 1], &path[0]))
+    let path = demo.clamps.first();
+    path.is_some_and(|path| has_moved(sample_at(path, t_s), &path[0]))
 }
 
 /// Markers of the first instant of a rope that lies straight: each where its arc length says.

@@ -22,27 +22,26 @@ pub fn turns_in_grip(effect: usize) -> bool {
 
 /// Whether an effect changes when clamps let go.
 fn opens_late(effect: usize) -> bool {
-    largest(effect).release_delay_s != 0.0
+    alone_with(effect, largest).release_delay_s != 0.0
 }
 
 /// Whether an effect is an offset of clocks.
 fn offsets_clocks(effect: usize) -> bool {
-    largest(effect).clock_offset_s() != 0.0
+    alone_with(effect, largest).clock_offset_s() != 0.0
 }
 
+/// The physics of an effect that is there but does nothing.
 fn alone(effect: usize) -> Physics<f64> {
-    let structure = Structure {
-        effects: vec![effect],
-    };
-    structure.physics(&structure.start(1e6), 0.0)
+    alone_with(effect, |structure| structure.start(1e6))
 }
 
-fn largest(effect: usize) -> Physics<f64> {
-    let structure = Structure {
-        effects: vec![effect],
-    };
-    let most: Vec<f64> = structure.parameters().iter().map(|p| p.high).collect();
-    structure.physics(&most, 0.0)
+fn alone_with(effect: usize, theta: impl Fn(&Structure) -> Vec<f64>) -> Physics<f64> {
+    let structure = Structure::default().with(effect);
+    structure.physics(&theta(&structure), 0.0)
+}
+
+fn largest(structure: &Structure) -> Vec<f64> {
+    structure.parameters().iter().map(|p| p.high).collect()
 }
 
 impl Problem<'_> {
