@@ -7,10 +7,11 @@ use super::gates::{
     beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
 };
 use super::round::Refit;
-use super::rounds::{Bench, LoopOptions, physical_effects};
-use super::score::{ScoreTable, Subset};
+use super::rounds::{Bench, LoopOptions, Part, physical_effects};
+use super::score::{ScoreTable, Subset, whitened_left};
 use super::starts::{changed, told};
-use crate::fit::{Budget, Descent, FitError, StopReason, estimates};
+use crate::effects;
+use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, estimates};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use rayon::prelude::*;
@@ -326,6 +327,14 @@ impl<'a> Refits<'a> {
         cost + (1.0 - LEAST_KEPT) * (self.now.fitted.cost - cost).max(0.0)
     }
 
+    /// What a refit takes away in the measure of the scores: the cameras are free where they are in its effects' scores.
+    fn taken_away(&self, candidate: &Subset, (best, structure): (&Evaluation, &Structure)) -> f64 {
+        let of_cameras = candidate.effects().any(|effect| effects::ALL[effect].nuisance);
+        let nuisances = !of_cameras && self.options.without != Some(Part::Nuisances);
+        let left = |evaluation, structure| whitened_left(evaluation, structure, &self.bench.noise, nuisances);
+        left(&self.now.fitted.best, &self.now.structure) - left(best, structure)
+    }
+
     /// What became of a refit; nothing where what is held out cannot be simulated with it.
     pub(super) fn judge(&self, candidate: &Subset, descent: Descent, batch: &Batch) -> Option<Tried> {
         let cost = descent.cost();
@@ -354,7 +363,7 @@ impl<'a> Refits<'a> {
         refit.gates = statistical_gates(
             candidate,
             (&self.now.left, &self.now.held),
-            (&refit, free),
+            (&refit, free, self.taken_away(candidate, (&fitted.best, &next))),
             self.options,
         );
         if let Some(fewer) = batch.fewer(candidate) {

@@ -1,7 +1,10 @@
 //! Scores of all effects that the model lacks, from one pass of tangents.
 
+mod free;
 mod subsets;
 
+use free::always_free;
+pub(super) use free::{Projector, whitened_left, whitened_vector};
 pub(super) use subsets::MOST_MEMBERS;
 pub use subsets::Subset;
 
@@ -112,11 +115,6 @@ pub struct Untested {
 const PSEUDO_SETS: usize = 500;
 /// Share of the pseudo-data without any effect in which none shall be found.
 const QUANTILE: f64 = 0.95;
-/// Standard deviation of the camera's position error that is projected out, m.
-const CAMERA_SHIFT_M: f64 = 0.005;
-/// Standard deviation of the camera's rotation error that is projected out, rad.
-const CAMERA_TURN_RAD: f64 = 0.01;
-
 /// Cosine of two traces above which they count as one family.
 const FAMILY_COSINE: f64 = 0.95;
 
@@ -158,26 +156,8 @@ impl ScoreProblem {
         let jacobian = whitener.apply(&wide.whitened_jacobian());
         let info = wide_structure.parameters();
         let n_known = known.parameters().len();
-        let cameras = if nuisances {
-            camera_columns(wide)
-        } else {
-            DMatrix::zeros(wide.len(), 0)
-        };
-        let cameras = whitener.apply(&cameras);
-        let mut always = DMatrix::zeros(residual.len(), n_known + cameras.ncols());
-        always
-            .columns_mut(0, n_known)
-            .copy_from(&jacobian.columns(0, n_known));
-        always.columns_mut(n_known, cameras.ncols()).copy_from(&cameras);
-        let mut always_precision: Vec<f64> = info[..n_known].iter().map(precision).collect();
-        for k in 0..cameras.ncols() {
-            let sd = if k % 6 < 3 {
-                CAMERA_SHIFT_M
-            } else {
-                CAMERA_TURN_RAD
-            };
-            always_precision.push(1.0 / (sd * sd));
-        }
+        let own = jacobian.columns(0, n_known).into_owned();
+        let (always, always_precision) = always_free(wide, &whitener, (own, &info[..n_known]), nuisances);
         let mut first = n_known;
         let mut blocks = Vec::new();
         for &effect in &wide_structure.effects[known.effects.len()..] {
@@ -339,13 +319,6 @@ impl ScoreProblem {
     }
 }
 
-pub(super) fn whitened_vector(whitener: &Whitener, vector: DVector<f64>) -> DVector<f64> {
-    whitener
-        .apply(&DMatrix::from_columns(&[vector]))
-        .column(0)
-        .into_owned()
-}
-
 /// The point that [`QUANTILE`] of the values do not exceed.
 fn quantile(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -499,69 +472,8 @@ pub(super) fn discretisation_mm(
     1e3 * (square / evaluation.len() as f64).sqrt()
 }
 
-/// Removes from a vector what the always-free columns explain, their priors taken into account.
-pub(super) struct Projector {
-    columns: DMatrix<f64>,
-    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
-}
-
-impl Projector {
-    pub(super) fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
-        let mut hessian = columns.tr_mul(&columns);
-        for (k, p) in precision.iter().enumerate() {
-            hessian[(k, k)] += p;
-        }
-        Self {
-            columns,
-            factor: hessian
-                .cholesky()
-                .expect("a prior makes the matrix positive definite"),
-        }
-    }
-
-    pub(super) fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
-        v - &self.columns * self.factor.solve(&self.columns.tr_mul(v))
-    }
-
-    pub(super) fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
-        m - &self.columns * self.coefficients(m)
-    }
-
-    /// How much of each free column stands in each column of `m`.
-    fn coefficients(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
-        self.factor.solve(&self.columns.tr_mul(m))
-    }
-}
-
 pub(super) fn precision(info: &ParameterInfo) -> f64 {
     1.0 / (info.prior_sd * info.prior_sd)
-}
-
-/// Six columns per demonstration: what a shift (m) and a rotation (rad) of all its cameras do.
-/// Rotations are about the middle of what was seen; the lever arm is taken along the rope.
-fn camera_columns(evaluation: &Evaluation) -> DMatrix<f64> {
-    let mut columns = DMatrix::zeros(evaluation.len(), 6 * evaluation.rows.len());
-    let mut i = 0;
-    for (d, rows) in evaluation.rows.iter().enumerate() {
-        let count = rows.len().max(1) as f64;
-        let middle: [f64; 3] =
-            std::array::from_fn(|k| rows.iter().map(|r| r.position_m[k]).sum::<f64>() / count);
-        for row in rows {
-            let arm: [f64; 3] = std::array::from_fn(|k| row.position_m[k] - middle[k]);
-            let n = row.direction;
-            let turn = [
-                arm[1] * n[2] - arm[2] * n[1],
-                arm[2] * n[0] - arm[0] * n[2],
-                arm[0] * n[1] - arm[1] * n[0],
-            ];
-            for k in 0..3 {
-                columns[(i, 6 * d + k)] = n[k] / row.sigma_m;
-                columns[(i, 6 * d + 3 + k)] = turn[k] / row.sigma_m;
-            }
-            i += 1;
-        }
-    }
-    columns
 }
 
 /// A standard normal number (Box and Muller 1958).

@@ -1,0 +1,199 @@
+//! What is free in every score, and what a fit leaves beside it.
+
+use super::precision;
+use crate::diagnose::noise::{Noise, Whitener};
+use crate::fit::Evaluation;
+use crate::model::{ParameterInfo, Structure};
+use nalgebra::{DMatrix, DVector};
+
+/// Standard deviation of the camera's position error that is projected out, m.
+const CAMERA_SHIFT_M: f64 = 0.005;
+/// Standard deviation of the camera's rotation error that is projected out, rad.
+const CAMERA_TURN_RAD: f64 = 0.01;
+
+/// What a fit leaves in the measure of the scores: the sum of squares of its offsets, made white, with its parameters free
+/// and, unless an effect does what they do, the cameras.
+pub(in super::super) fn whitened_left(
+    evaluation: &Evaluation,
+    structure: &Structure,
+    noise: &Noise,
+    nuisances: bool,
+) -> f64 {
+    let whitener = noise.whitener(evaluation);
+    let info = structure.parameters();
+    let own = whitener.apply(&evaluation.whitened_jacobian());
+    let (free, precision) = always_free(evaluation, &whitener, (own, &info), nuisances);
+    let residual = whitened_vector(&whitener, evaluation.whitened());
+    Projector::new(free, &precision)
+        .remove_vector(&residual)
+        .norm_squared()
+}
+
+/// Columns that are free in every score, with their priors: those of a model's own parameters, which are white already, and,
+/// with `nuisances`, of the cameras' pose.
+pub(super) fn always_free(
+    evaluation: &Evaluation,
+    whitener: &Whitener,
+    (own, info): (DMatrix<f64>, &[ParameterInfo]),
+    nuisances: bool,
+) -> (DMatrix<f64>, Vec<f64>) {
+    let mut priors: Vec<f64> = info.iter().map(precision).collect();
+    if !nuisances {
+        return (own, priors);
+    }
+    let cameras = whitener.apply(&camera_columns(evaluation));
+    let sd = |k: usize| {
+        if k % 6 < 3 {
+            CAMERA_SHIFT_M
+        } else {
+            CAMERA_TURN_RAD
+        }
+    };
+    priors.extend((0..cameras.ncols()).map(|k| sd(k).powi(-2)));
+    let columns: Vec<_> = own.column_iter().chain(cameras.column_iter()).collect();
+    (DMatrix::from_columns(&columns), priors)
+}
+
+pub(in super::super) fn whitened_vector(whitener: &Whitener, vector: DVector<f64>) -> DVector<f64> {
+    whitener
+        .apply(&DMatrix::from_columns(&[vector]))
+        .column(0)
+        .into_owned()
+}
+
+/// Six columns per demonstration: what a shift (m) and a rotation (rad) of all its cameras do.
+/// Rotations are about the middle of what was seen; the lever arm is taken along the rope.
+fn camera_columns(evaluation: &Evaluation) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(evaluation.len(), 6 * evaluation.rows.len());
+    let mut i = 0;
+    for (d, rows) in evaluation.rows.iter().enumerate() {
+        let count = rows.len().max(1) as f64;
+        let middle: [f64; 3] =
+            std::array::from_fn(|k| rows.iter().map(|r| r.position_m[k]).sum::<f64>() / count);
+        for row in rows {
+            let arm: [f64; 3] = std::array::from_fn(|k| row.position_m[k] - middle[k]);
+            let n = row.direction;
+            let turn = [
+                arm[1] * n[2] - arm[2] * n[1],
+                arm[2] * n[0] - arm[0] * n[2],
+                arm[0] * n[1] - arm[1] * n[0],
+            ];
+            for k in 0..3 {
+                columns[(i, 6 * d + k)] = n[k] / row.sigma_m;
+                columns[(i, 6 * d + 3 + k)] = turn[k] / row.sigma_m;
+            }
+            i += 1;
+        }
+    }
+    columns
+}
+
+/// Removes from a vector what the always-free columns explain, their priors taken into account.
+pub(in super::super) struct Projector {
+    columns: DMatrix<f64>,
+    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+}
+
+impl Projector {
+    pub(in super::super) fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
+        let mut hessian = columns.tr_mul(&columns);
+        for (k, p) in precision.iter().enumerate() {
+            hessian[(k, k)] += p;
+        }
+        Self {
+            columns,
+            factor: hessian
+                .cholesky()
+                .expect("a prior makes the matrix positive definite"),
+        }
+    }
+
+    pub(in super::super) fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
+        v - &self.columns * self.factor.solve(&self.columns.tr_mul(v))
+    }
+
+    pub(in super::super) fn remove(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+        m - &self.columns * self.coefficients(m)
+    }
+
+    /// How much of each free column stands in each column of `m`.
+    pub(super) fn coefficients(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+        self.factor.solve(&self.columns.tr_mul(m))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ScoreProblem;
+    use super::*;
+    use crate::bench_diagnosis::noise::correlated;
+    use crate::effects;
+    use crate::observe::Row;
+
+    /// What is seen of a rope in twelve frames, `offset_m` of every station off.
+    fn seen(offset_m: &[Vec<[f64; 3]>]) -> Vec<Row> {
+        let row = |frame: usize, station: usize, k: usize| Row {
+            frame,
+            station,
+            arc_m: 0.01 * station as f64,
+            position_m: [0.01 * station as f64, 0.0, 0.02 * frame as f64],
+            direction: std::array::from_fn(|i| f64::from(u8::from(i == k))),
+            offset_m: offset_m[frame][station][k],
+            sigma_m: 0.001,
+        };
+        let places = (0..12).flat_map(|frame| (0..8).map(move |station| (frame, station)));
+        places
+            .flat_map(|(frame, station)| (0..3).map(move |k| row(frame, station, k)))
+            .collect()
+    }
+
+    fn evaluation(offset_m: &[f64], slopes: &DMatrix<f64>, structure: &Structure) -> Evaluation {
+        let per_frame = |frame: &[f64]| frame.chunks(3).map(|p| [p[0], p[1], p[2]]).collect();
+        let frames: Vec<Vec<[f64; 3]>> = offset_m.chunks(24).map(per_frame).collect();
+        let own = structure.parameters().len();
+        Evaluation {
+            theta: structure.start(1e6),
+            rows: vec![seen(&frames)],
+            most_rows: offset_m.len(),
+            huber: f64::INFINITY,
+            jacobian: slopes.columns(0, own).into_owned(),
+        }
+    }
+
+    /// A rope that answers in proportion: the score of a tilt foretells what a refit with it takes away, wherever in the
+    /// valley of its other parameters the refit ends.
+    #[test]
+    fn a_refit_takes_away_what_its_score_said_where_the_rope_answers_in_proportion() {
+        let flat = |seed| {
+            correlated(12, 8, 0.001, [0.6, 0.7], seed)
+                .into_iter()
+                .flatten()
+                .flatten()
+        };
+        let slopes = DMatrix::from_columns(&[1, 2, 3, 4].map(|seed| DVector::from_iterator(288, flat(seed))));
+        let (known, tilt) = (Structure::default(), effects::find("tilted_gravity").unwrap());
+        let wide = Structure::default().with(tilt);
+        let noise = Noise {
+            in_time: 0.6,
+            along_rope: 0.7,
+            ..Noise::DECLARED
+        };
+        // Slopes of a metre per unit: what a thousandth of a unit does is as large as the noise.
+        let slopes = slopes * 1e3;
+        let before = DVector::from_iterator(288, flat(5))
+            + &slopes * DVector::from_column_slice(&[2e-3, -1e-3, 3e-3, 1e-3]);
+        let after = &before - &slopes * DVector::from_column_slice(&[1e-3, 0.0, 2.5e-3, 2e-3]);
+        for nuisances in [true, false] {
+            let at = |offset_m: &DVector<f64>, structure| evaluation(offset_m.as_slice(), &slopes, structure);
+            let problem = ScoreProblem::new(&at(&before, &wide), &wide, &known, &noise, nuisances);
+            let said = problem.table(DVector::zeros(288), 0.0, 1).scores[0].statistic;
+            let left =
+                |offset_m, structure| whitened_left(&at(offset_m, structure), structure, &noise, nuisances);
+            let taken_away = left(&before, &known) - left(&after, &wide);
+            assert!(
+                said > 100.0 && (taken_away / said - 1.0).abs() < 1e-2,
+                "{taken_away} for {said}"
+            );
+        }
+    }
+}
