@@ -246,6 +246,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         },
         reasons: Vec::new(),
         noise_scale: None,
+        invariances: Vec::new(),
         rivals: vec![KeptModel {
             effects: vec![rival.0.into()],
             theta: rival.1.to_vec(),

@@ -8,7 +8,7 @@ use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
 use crate::countdown::Countdown;
 use crate::demo::Demo;
-use crate::diagnose::{LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
+use crate::diagnose::{Invariance, LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
@@ -93,6 +93,9 @@ pub struct Answer {
     pub significant: Option<Vec<String>>,
     /// Every refit: effect and the gates that it failed.
     pub refits: Vec<(String, Vec<String>)>,
+    /// How the accepted effects fare in parts of what was fitted.
+    #[serde(default)]
+    pub invariances: Vec<Invariance>,
     /// Time of the diagnosis, s.
     pub wall_s: f64,
     /// What came of the demonstration that was proposed, where models were left alike.
@@ -303,6 +306,7 @@ fn failed(cell: &Cell, truth: &Truth, words: String, wall_s: f64) -> Answer {
         discretisation_mm: 0.0,
         significant: None,
         refits: Vec::new(),
+        invariances: Vec::new(),
         wall_s,
         follow_up: None,
     }
@@ -357,6 +361,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
                 )
             })
             .collect(),
+        invariances: outcome.invariances.clone(),
         wall_s,
         follow_up: None,
     }

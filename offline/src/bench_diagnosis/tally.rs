@@ -392,6 +392,7 @@ pub(super) mod tests {
             discretisation_mm: 0.1,
             significant: None,
             refits: Vec::new(),
+            invariances: Vec::new(),
             wall_s: 10.0,
             follow_up: None,
         }

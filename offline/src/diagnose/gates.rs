@@ -132,11 +132,12 @@ pub(super) fn statistical_gates(
         ),
         Gate::new(
             "size of interest",
-            held_size >= held_before.floor_mm || fit_size >= fit_before.floor_mm,
+            held_size >= OF_INTEREST * held_before.floor_mm || fit_size >= OF_INTEREST * fit_before.floor_mm,
             format!(
-                "moves the rope by {fit_size:.2} mm rms where fitted and {held_size:.2} where held out, the noise \
-                 floors are {:.2} and {:.2} mm",
-                fit_before.floor_mm, held_before.floor_mm
+                "moves the rope by {fit_size:.2} mm rms where fitted and {held_size:.2} where held out, of interest are \
+                 {:.2} and {:.2} mm",
+                OF_INTEREST * fit_before.floor_mm,
+                OF_INTEREST * held_before.floor_mm
             ),
         ),
         physical_value(candidate.effects(), &refit.parameters),
@@ -196,6 +197,9 @@ fn significant(candidate: &Subset, in_full: f64) -> Gate {
         ),
     )
 }
+
+/// Noise floors that an effect has to move the rope by to be of interest.
+const OF_INTEREST: f64 = 0.5;
 
 /// Share of an excess that counts as most of it.
 const MOST: f64 = 0.5;

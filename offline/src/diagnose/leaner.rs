@@ -8,6 +8,7 @@ use super::choice::Standing;
 use super::gates::clear_of_nothing;
 use super::revise::{refitted_without, rivals_of_less};
 use super::rounds::Bench;
+use super::score::Invariance;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, estimates_within};
@@ -20,6 +21,8 @@ pub(super) struct Judged {
     pub(super) held_out: Evaluation,
     /// How far the simulation's own error may have moved each entry of θ.
     pub(super) grid_shift: Vec<f64>,
+    /// How its effects fare in parts of what was fitted.
+    pub(super) invariances: Vec<Invariance>,
     pub(super) verdict: Verdict,
     pub(super) reasons: Vec<ReasonCode>,
 }
@@ -107,6 +110,7 @@ mod tests {
                 Ok(Judged {
                     held_out: model.fitted.best.clone(),
                     grid_shift: vec![0.0; model.fitted.best.theta.len()],
+                    invariances: Vec::new(),
                     verdict: if explains {
                         Verdict::Explained {
                             effects: model.structure.ids(),

@@ -1,7 +1,9 @@
 //! Closing the loop: score every effect of the library on the residual from one pass of tangents,
 //! refit the best in full, accept one only where it passes every gate, repeat, and give a verdict. Where none passes
 //! alone, the best pairs and triples of the scores are refitted, because two causes can hide each other. Where something
-//! is left in the end, the loop begins again with what passed second.
+//! is left in the end, the loop begins again with what passed second. What explains must be the same in every part of what
+//! was fitted (`score/invariance.rs`); that is asked of the final model alone, because a cause beside which another is
+//! still missing need not be.
 //!
 //! The statistics follow the score test for freeing a fixed parameter (Rao 1948; modification index
 //! and expected parameter change in structural equation modelling, Saris et al. 2009). Significance
@@ -9,7 +11,7 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 11;
+pub const REVISION: u32 = 12;
 
 mod accounted;
 mod added;
@@ -44,5 +46,5 @@ pub use next::{
 pub use noise::{LEAST_NOISE_SCALE, Noise};
 pub use round::{Refit, Round};
 pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
-pub use score::{Score, ScoreTable, Subset, Untested};
+pub use score::{Invariance, PartValue, Score, ScoreTable, Subset, Untested};
 pub use verdict::{ReasonCode, Verdict, size_in_words};

@@ -315,7 +315,7 @@ fn predecessors(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::bench_diagnosis::noise::correlated;
     use nalgebra::DVector;
@@ -323,7 +323,8 @@ mod tests {
     const FRAMES: usize = 60;
     const STATIONS: usize = 16;
 
-    fn rows_of(noise: &[Vec<[f64; 3]>], frames: usize) -> Vec<Row> {
+    /// What is seen of a rope in its first frames under this noise.
+    pub fn rows_of(noise: &[Vec<[f64; 3]>], frames: usize) -> Vec<Row> {
         let mut rows = Vec::new();
         for (frame, stations) in noise.iter().take(frames).enumerate() {
             for (station, offset) in stations.iter().enumerate() {
@@ -336,13 +337,20 @@ mod tests {
                         arc_m: 0.01 * station as f64,
                         position_m: [0.0; 3],
                         direction,
-                        // A mean that nobody knows, per station.
-                        offset_m: offset[k] + 0.003 * station as f64,
+                        offset_m: offset[k],
                         sigma_m: 0.001,
                     });
                 }
             }
         }
+        rows
+    }
+
+    /// The same beside a mean that nobody knows, per station.
+    fn at_rest(noise: &[Vec<[f64; 3]>], frames: usize) -> Vec<Row> {
+        let mut rows = rows_of(noise, frames);
+        rows.iter_mut()
+            .for_each(|row| row.offset_m += 0.003 * row.station as f64);
         rows
     }
 
@@ -354,7 +362,7 @@ mod tests {
         const SETS: u64 = 40;
         for seed in 0..SETS {
             let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], seed);
-            let rows = rows_of(&noise, 12);
+            let rows = at_rest(&noise, 12);
             let series = rest_series(&rows, (12, STATIONS), 1.0);
             let best = (0..=95)
                 .map(|k| k as f64 / 100.0)
@@ -374,7 +382,7 @@ mod tests {
     #[test]
     fn correlation_along_the_rope_does_not_hang_on_the_choice_of_directions() {
         let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], 11);
-        let straight = rows_of(&noise, 12);
+        let straight = at_rest(&noise, 12);
         let turned: Vec<Row> = straight
             .chunks(3)
             .flat_map(|point| {
@@ -405,7 +413,7 @@ mod tests {
                     .iter_mut()
                     .for_each(|offset| offset[0] += drift_m * frame as f64);
             }
-            Noise::of_series(&rest_series(&rows_of(&noise, 12), (12, STATIONS), 1.0)).expect("frames at rest")
+            Noise::of_series(&rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0)).expect("frames at rest")
         };
         assert_eq!(found(1e-6, 0.0).scale, 0.1);
         let creep = found(0.0, 1e-9);
@@ -420,7 +428,7 @@ mod tests {
         const SETS: u64 = 200;
         let exceeds = |seed: &u64| {
             let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], *seed);
-            let found = Noise::of_series(&rest_series(&rows_of(&noise, 12), (12, STATIONS), 1.0)).unwrap();
+            let found = Noise::of_series(&rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0)).unwrap();
             let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
             let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
             square > found.scale.powi(2) * (1.0 + found.doubt(offsets.len()))
@@ -437,7 +445,7 @@ mod tests {
         let evaluation = Evaluation {
             theta: Vec::new(),
             rows: vec![
-                rows_of(&noise, FRAMES)
+                at_rest(&noise, FRAMES)
                     .into_iter()
                     .map(|r| Row {
                         offset_m: r.offset_m - 0.003 * r.station as f64,

@@ -7,7 +7,7 @@ use super::gates::{
     beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
 };
 use super::round::Refit;
-use super::rounds::{Bench, LoopOptions, Part, physical_effects};
+use super::rounds::{Bench, LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset, whitened_left};
 use super::starts::{changed, told};
 use crate::effects;
@@ -330,7 +330,7 @@ impl<'a> Refits<'a> {
     /// What a refit takes away in the measure of the scores: the cameras are free where they are in its effects' scores.
     fn taken_away(&self, candidate: &Subset, (best, structure): (&Evaluation, &Structure)) -> f64 {
         let of_cameras = candidate.effects().any(|effect| effects::ALL[effect].nuisance);
-        let nuisances = !of_cameras && self.options.without != Some(Part::Nuisances);
+        let nuisances = !of_cameras && self.options.nuisances();
         let left = |evaluation, structure| whitened_left(evaluation, structure, &self.bench.noise, nuisances);
         left(&self.now.fitted.best, &self.now.structure) - left(best, structure)
     }

@@ -4,7 +4,7 @@ use super::choice::{Choice, Standing};
 use super::gates::Gate;
 use super::memory::KeptModel;
 use super::refits::Refits;
-use super::rounds::{Bench, LoopOptions, Part};
+use super::rounds::{Bench, LoopOptions};
 use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested, discretisation_mm};
 use crate::effects;
 use crate::fit::{FitError, Library, grid_errors, over_noise};
@@ -177,7 +177,7 @@ fn score(
     let (library, difference) = (library?, difference?);
     let evaluation = &library.evaluation;
     let errors = over_noise(evaluation, &difference);
-    let nuisances = options.without != Some(Part::Nuisances);
+    let nuisances = options.nuisances();
     let problem = ScoreProblem::new(evaluation, &library.structure, structure, &bench.noise, nuisances);
     let discretisation_mm = discretisation_mm(evaluation, structure, &errors);
     let mut table = problem.table(errors, discretisation_mm, options.seed);

@@ -7,7 +7,7 @@ use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::Noise;
 use super::round::Round;
-use super::score::discretisation_mm;
+use super::score::{Invariance, discretisation_mm, invariances};
 use super::verdict::{ReasonCode, Verdict};
 use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
@@ -64,6 +64,11 @@ impl LoopOptions {
         (0..effects::ALL.len()).filter(may)
     }
 
+    /// Whether the cameras' pose is free in the scores.
+    pub(super) fn nuisances(&self) -> bool {
+        self.without != Some(Part::Nuisances)
+    }
+
     /// Defaults on a grid; the finer one is [`Resolution::finer`].
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {
@@ -103,6 +108,8 @@ pub struct Outcome {
     pub noise_scale: Option<f64>,
     /// Models that fit as well as the final one.
     pub rivals: Vec<KeptModel>,
+    /// How the final model's effects fare in parts of what was fitted; none where the finer grid could not be simulated.
+    pub invariances: Vec<Invariance>,
     /// Slopes of the whole library in the last round; none where no round was needed or they were not kept.
     pub library: Option<Library>,
     /// How far the simulation's own error may have moved each entry of the final θ.
@@ -201,6 +208,29 @@ impl<'a> Bench<'a> {
             discretisation_mm(&there, structure, &over_noise(&there, &errors)),
             1e3 * mean.max(0.0).sqrt(),
         ])
+    }
+
+    /// How the effects of a fit fare in parts of what was fitted. None where the finer grid cannot be had: what the
+    /// simulation's own error makes of them is not known then.
+    fn invariances(
+        &self,
+        (best, structure): (&Evaluation, &Structure),
+        options: &LoopOptions,
+    ) -> Vec<Invariance> {
+        if structure.effects.is_empty() {
+            return Vec::new();
+        }
+        let Ok(errors) = grid_errors([&self.fit, &self.finer], structure, &best.theta) else {
+            return Vec::new();
+        };
+        let errors = over_noise(best, &errors);
+        invariances(
+            (best, structure),
+            &self.noise,
+            &errors,
+            options.nuisances(),
+            options.seed,
+        )
     }
 
     /// Every model is sought near the base model's best, where ropes hang.
@@ -339,6 +369,7 @@ pub fn resume_loop(
     let (mut rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
     progress("estimating what the grid itself may have moved");
     let course = Course {
+        options,
         before: &before,
         held_out_before: &held_out_before,
         rounds: &rounds,
@@ -362,6 +393,7 @@ pub fn resume_loop(
         reasons: judged.reasons,
         noise_scale: noise.map(|n| n.scale),
         rivals: judged.model.rivals,
+        invariances: judged.invariances,
         library,
         grid_shift: judged.grid_shift,
     })
@@ -369,6 +401,7 @@ pub fn resume_loop(
 
 /// How a loop went, by which its model is judged.
 struct Course<'a> {
+    options: &'a LoopOptions,
     before: &'a ResidualSummary,
     held_out_before: &'a Evaluation,
     rounds: &'a [Round],
@@ -382,6 +415,7 @@ impl Course<'_> {
         let (structure, fitted) = (&model.structure, &model.fitted);
         let held_out = bench.held_out.residuals(structure, &fitted.best.theta)?;
         let grid_shift = grid_shift(&bench.fit, structure, &fitted.best)?;
+        let invariances = bench.invariances((&fitted.best, structure), self.options);
         let (verdict, reasons) = conclude(&Facts {
             structure,
             base: self.before,
@@ -390,6 +424,7 @@ impl Course<'_> {
             estimates: &estimates_within(&fitted.best, structure, &grid_shift),
             rounds: self.rounds,
             rivals: &model.rivals,
+            invariances: &invariances,
             demos: self.demos,
             pure_error: self.pure_error,
             doubt: bench.doubt(&fitted.best),
@@ -399,6 +434,7 @@ impl Course<'_> {
             model,
             held_out,
             grid_shift,
+            invariances,
             verdict,
             reasons,
         })

@@ -5,8 +5,8 @@ use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, KeptModel, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode, ResidualForce, Round,
-    SwingRisks, Verdict, advise, residual_force, resume_loop,
+    Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode,
+    ResidualForce, Round, SwingRisks, Verdict, advise, residual_force, resume_loop,
 };
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
@@ -39,6 +39,9 @@ pub(super) struct DiagnosisFile {
     noise_scale: Option<f64>,
     /// Models that fit as well as the final one.
     rivals: Vec<KeptModel>,
+    /// How the final model's effects fare in parts of what was fitted.
+    #[serde(default)]
+    invariances: Vec<Invariance>,
     fit_before: ResidualSummary,
     fit_after: ResidualSummary,
     held_out_before: ResidualSummary,
@@ -203,6 +206,7 @@ fn restore(
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
         rivals: diagnosis.rivals,
+        invariances: diagnosis.invariances,
         grid_shift: fit.grid_shift,
         library: None,
     };
@@ -233,6 +237,7 @@ fn save(
         reasons: outcome.reasons.clone(),
         noise_scale: outcome.noise_scale,
         rivals: outcome.rivals.clone(),
+        invariances: outcome.invariances.clone(),
         fit_before: ResidualSummary::of(&outcome.base.best),
         fit_after: ResidualSummary::of(&outcome.fitted.best),
         held_out_before: ResidualSummary::of(&outcome.held_out_before),

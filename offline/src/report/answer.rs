@@ -2,7 +2,7 @@
 
 use super::ReportInput;
 use super::page::{effect_title, parameter_title};
-use crate::diagnose::{Verdict, size_in_words};
+use crate::diagnose::{Invariance, Verdict, size_in_words};
 use crate::fit::{Profile, estimates};
 use crate::model::{Estimate, Structure};
 use crate::paper_units::young_paper;
@@ -32,11 +32,37 @@ pub(super) fn section(input: &ReportInput) -> Markup {
         }
         h3 { "Parameters" }
         (parameters((&base, &found), input.profiles, density))
+        @if !outcome.invariances.is_empty() {
+            h3 { "The same throughout?" }
+            (invariances(&outcome.invariances))
+        }
         h3 { "Reasons for caution" }
         @if outcome.reasons.is_empty() {
             p { "None." }
         } @else {
             ul { @for reason in &outcome.reasons { li { (reason.to_string()) } } }
+        }
+    }
+}
+
+/// What each effect comes to in each part of what was fitted.
+fn invariances(all: &[Invariance]) -> Markup {
+    html! {
+        table {
+            tr { th { "effect" } th { "fitted to thirds of each demonstration" } th { "apart by" } th { "the same" } }
+            @for one in all {
+                tr {
+                    td { (parameter_title(&one.parameter, &one.unit)) }
+                    td { @for demo in one.demos() { div { (one.in_words(demo)) } } }
+                    td { (format!("{:.0} % of what it does", 100.0 * one.share)) }
+                    td { @if one.same() { "yes" } @else { b { "no" } } }
+                }
+            }
+        }
+        p.quiet {
+            "A cause is the same from part to part; a stand-in is not. It counts as the same where the parts are apart by "
+            "no more than noise and the simulation’s own error make of one value, or by a third of what the effect does. "
+            "Everything else is free too, so that the values need not surround the fitted one; ± is the noise’s standard error."
         }
     }
 }

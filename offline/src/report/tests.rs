@@ -167,6 +167,7 @@ fn outcome() -> Outcome {
         reasons: Vec::new(),
         noise_scale: None,
         rivals: Vec::new(),
+        invariances: Vec::new(),
         grid_shift: vec![0.0; 3],
         library: None,
     }

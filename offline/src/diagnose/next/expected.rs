@@ -5,6 +5,7 @@ use super::motions::Candidate;
 use super::power::{Miss, Prospect};
 use crate::demo::{Demo, Observations};
 use crate::diagnose::Noise;
+use crate::diagnose::score::whitened_vector;
 use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
 use crate::observe::{Row, normals, station_arcs_m};
@@ -202,7 +203,7 @@ impl Known {
     pub(super) fn new(evaluation: Evaluation, noise: &Noise, prior_sd: Vec<f64>) -> Self {
         let whitener = noise.whitener(&evaluation);
         let slopes = whitener.apply(&evaluation.whitened_jacobian());
-        let residual = whitener.apply(&DMatrix::from_columns(&[evaluation.whitened()]));
+        let residual = whitened_vector(&whitener, evaluation.whitened());
         let misfit = (residual.norm_squared() / residual.len() as f64).max(1.0);
         let mut information = slopes.tr_mul(&slopes) / misfit;
         for (k, sd) in prior_sd.iter().enumerate() {

@@ -20,11 +20,8 @@ pub(in super::super) fn whitened_left(
     nuisances: bool,
 ) -> f64 {
     let whitener = noise.whitener(evaluation);
-    let info = structure.parameters();
-    let own = whitener.apply(&evaluation.whitened_jacobian());
-    let (free, precision) = always_free(evaluation, &whitener, (own, &info), nuisances);
     let residual = whitened_vector(&whitener, evaluation.whitened());
-    Projector::new(free, &precision)
+    Projector::of_model(evaluation, structure, &whitener, nuisances)
         .remove_vector(&residual)
         .norm_squared()
 }
@@ -108,6 +105,18 @@ impl Projector {
         }
     }
 
+    /// Of a model's own parameters and, with `nuisances`, the cameras' pose, made white.
+    pub(in super::super) fn of_model(
+        evaluation: &Evaluation,
+        structure: &Structure,
+        whitener: &Whitener,
+        nuisances: bool,
+    ) -> Self {
+        let own = whitener.apply(&evaluation.whitened_jacobian());
+        let (free, priors) = always_free(evaluation, whitener, (own, &structure.parameters()), nuisances);
+        Self::new(free, &priors)
+    }
+
     pub(in super::super) fn remove_vector(&self, v: &DVector<f64>) -> DVector<f64> {
         v - &self.columns * self.factor.solve(&self.columns.tr_mul(v))
     }
@@ -127,69 +136,49 @@ mod tests {
     use super::super::ScoreProblem;
     use super::*;
     use crate::bench_diagnosis::noise::correlated;
+    use crate::diagnose::noise::tests::rows_of;
     use crate::effects;
     use crate::observe::Row;
 
-    /// What is seen of a rope in twelve frames, `offset_m` of every station off.
-    fn seen(offset_m: &[Vec<[f64; 3]>]) -> Vec<Row> {
-        let row = |frame: usize, station: usize, k: usize| Row {
-            frame,
-            station,
-            arc_m: 0.01 * station as f64,
-            position_m: [0.01 * station as f64, 0.0, 0.02 * frame as f64],
-            direction: std::array::from_fn(|i| f64::from(u8::from(i == k))),
-            offset_m: offset_m[frame][station][k],
-            sigma_m: 0.001,
-        };
-        let places = (0..12).flat_map(|frame| (0..8).map(move |station| (frame, station)));
-        places
-            .flat_map(|(frame, station)| (0..3).map(move |k| row(frame, station, k)))
-            .collect()
-    }
-
-    fn evaluation(offset_m: &[f64], slopes: &DMatrix<f64>, structure: &Structure) -> Evaluation {
-        let per_frame = |frame: &[f64]| frame.chunks(3).map(|p| [p[0], p[1], p[2]]).collect();
-        let frames: Vec<Vec<[f64; 3]>> = offset_m.chunks(24).map(per_frame).collect();
-        let own = structure.parameters().len();
-        Evaluation {
-            theta: structure.start(1e6),
-            rows: vec![seen(&frames)],
-            most_rows: offset_m.len(),
-            huber: f64::INFINITY,
-            jacobian: slopes.columns(0, own).into_owned(),
-        }
-    }
+    const FRAMES: usize = 12;
+    const STATIONS: usize = 8;
 
     /// A rope that answers in proportion: the score of a tilt foretells what a refit with it takes away, wherever in the
     /// valley of its other parameters the refit ends.
     #[test]
     fn a_refit_takes_away_what_its_score_said_where_the_rope_answers_in_proportion() {
-        let flat = |seed| {
-            correlated(12, 8, 0.001, [0.6, 0.7], seed)
-                .into_iter()
-                .flatten()
-                .flatten()
-        };
-        let slopes = DMatrix::from_columns(&[1, 2, 3, 4].map(|seed| DVector::from_iterator(288, flat(seed))));
+        let noise = |seed| correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], seed);
         let (known, tilt) = (Structure::default(), effects::find("tilted_gravity").unwrap());
         let wide = Structure::default().with(tilt);
-        let noise = Noise {
+        // Slopes of a metre per unit: what a thousandth of a unit does is as large as the noise.
+        let slope = |seed| DVector::from_vec(noise(seed).into_iter().flatten().flatten().collect()) * 1e3;
+        let slopes = DMatrix::from_columns(&[1, 2, 3, 4].map(slope));
+        let rows = rows_of(&noise(5), FRAMES);
+        let at = |theta: [f64; 4], structure: &Structure| {
+            let moved = &slopes * DVector::from_column_slice(&theta);
+            let off = |(row, moved_m): (&Row, &f64)| Row {
+                offset_m: row.offset_m + moved_m,
+                ..*row
+            };
+            Evaluation {
+                theta: structure.start(1e6),
+                rows: vec![rows.iter().zip(&moved).map(off).collect()],
+                most_rows: rows.len(),
+                huber: f64::INFINITY,
+                jacobian: slopes.columns(0, structure.parameters().len()).into_owned(),
+            }
+        };
+        let (before, after) = ([2e-3, -1e-3, 3e-3, 1e-3], [1e-3, -1e-3, 5e-4, -1e-3]);
+        let model = Noise {
             in_time: 0.6,
             along_rope: 0.7,
             ..Noise::DECLARED
         };
-        // Slopes of a metre per unit: what a thousandth of a unit does is as large as the noise.
-        let slopes = slopes * 1e3;
-        let before = DVector::from_iterator(288, flat(5))
-            + &slopes * DVector::from_column_slice(&[2e-3, -1e-3, 3e-3, 1e-3]);
-        let after = &before - &slopes * DVector::from_column_slice(&[1e-3, 0.0, 2.5e-3, 2e-3]);
         for nuisances in [true, false] {
-            let at = |offset_m: &DVector<f64>, structure| evaluation(offset_m.as_slice(), &slopes, structure);
-            let problem = ScoreProblem::new(&at(&before, &wide), &wide, &known, &noise, nuisances);
-            let said = problem.table(DVector::zeros(288), 0.0, 1).scores[0].statistic;
-            let left =
-                |offset_m, structure| whitened_left(&at(offset_m, structure), structure, &noise, nuisances);
-            let taken_away = left(&before, &known) - left(&after, &wide);
+            let problem = ScoreProblem::new(&at(before, &wide), &wide, &known, &model, nuisances);
+            let said = problem.table(DVector::zeros(rows.len()), 0.0, 1).scores[0].statistic;
+            let left = |theta, structure| whitened_left(&at(theta, structure), structure, &model, nuisances);
+            let taken_away = left(before, &known) - left(after, &wide);
             assert!(
                 said > 100.0 && (taken_away / said - 1.0).abs() < 1e-2,
                 "{taken_away} for {said}"

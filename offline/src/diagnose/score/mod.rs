@@ -1,10 +1,13 @@
 //! Scores of all effects that the model lacks, from one pass of tangents.
 
 mod free;
+pub(super) mod invariance;
 mod subsets;
 
 use free::always_free;
 pub(super) use free::{Projector, whitened_left, whitened_vector};
+pub(super) use invariance::invariances;
+pub use invariance::{Invariance, PartValue};
 pub(super) use subsets::MOST_MEMBERS;
 pub use subsets::Subset;
 
@@ -115,6 +118,7 @@ pub struct Untested {
 const PSEUDO_SETS: usize = 500;
 /// Share of the pseudo-data without any effect in which none shall be found.
 const QUANTILE: f64 = 0.95;
+
 /// Cosine of two traces above which they count as one family.
 const FAMILY_COSINE: f64 = 0.95;
 
@@ -472,7 +476,7 @@ pub(super) fn discretisation_mm(
     1e3 * (square / evaluation.len() as f64).sqrt()
 }
 
-pub(super) fn precision(info: &ParameterInfo) -> f64 {
+fn precision(info: &ParameterInfo) -> f64 {
     1.0 / (info.prior_sd * info.prior_sd)
 }
 
