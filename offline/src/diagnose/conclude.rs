@@ -63,19 +63,7 @@ impl Facts<'_> {
 pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     let (structure, fitted, rounds) = (facts.structure, facts.fitted, facts.rounds);
     let now = ResidualSummary::of(&fitted.best);
-    let mut reasons = Vec::new();
-    if !facts.pure_error {
-        reasons.push(ReasonCode::NoPureError);
-    }
-    if facts.demos[0] == 1 {
-        reasons.push(ReasonCode::OneDemonstration);
-    }
-    if facts.demos[1] == 0 {
-        reasons.push(ReasonCode::HeldOutInTime);
-    }
-    if facts.stopped {
-        reasons.push(ReasonCode::RoundStopped);
-    }
+    let mut reasons = whatever_was_found(facts);
     let numerical_mm = rounds.last().map_or(0.0, |r| r.table.discretisation_mm);
     let left_mm = excess_mm(&now, facts.doubt);
     let numerical = left_mm <= numerical_mm;
@@ -112,9 +100,11 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         let removed = excess_removed(facts.base, &now, numerical_mm);
         return (stand_in(facts, (removed, left_mm)), reasons);
     }
-    let against = (!foreseen).then(|| facts.held_out.in_words());
-    let against = against.or_else(|| at_an_end(facts));
-    if let Some(against) = against.or_else(|| not_the_same(facts)) {
+    let against = (!foreseen)
+        .then(|| facts.held_out.in_words())
+        .or_else(|| at_an_end(facts))
+        .or_else(|| not_the_same(facts));
+    if let Some(against) = against {
         reasons.push(ReasonCode::ProxySuspected);
         let hint = format!(
             "{} would explain what was fitted, but {against}: not the whole cause, or stand-ins for it",
@@ -128,6 +118,19 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
         reasons.push(ReasonCode::Sensor);
     }
     (verdict, reasons)
+}
+
+/// Reasons for caution that the data and the course of the loop give.
+fn whatever_was_found(facts: &Facts) -> Vec<ReasonCode> {
+    let [fitted, held_out] = facts.demos;
+    let reasons = [
+        (!facts.pure_error, ReasonCode::NoPureError),
+        (fitted == 1, ReasonCode::OneDemonstration),
+        (held_out == 0, ReasonCode::HeldOutInTime),
+        (facts.stopped, ReasonCode::RoundStopped),
+    ];
+    let given = reasons.into_iter().filter(|(given, _)| *given);
+    given.map(|(_, reason)| reason).collect()
 }
 
 /// What the last refit took to an end of its range, for people: no cause is so large, and the gates asked for what was

@@ -317,8 +317,15 @@ fn predecessors(
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::bench_diagnosis::noise::correlated;
+    use crate::bench_diagnosis::noise::{CORRELATION, correlated};
     use nalgebra::DVector;
+
+    /// The benchmark's noise, of the size that is declared.
+    pub const LIKE_THE_BENCHMARKS: Noise = Noise {
+        in_time: CORRELATION[0],
+        along_rope: CORRELATION[1],
+        ..Noise::DECLARED
+    };
 
     const FRAMES: usize = 60;
     const STATIONS: usize = 16;
@@ -444,28 +451,18 @@ pub(super) mod tests {
         let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], 5);
         let evaluation = Evaluation {
             theta: Vec::new(),
-            rows: vec![
-                at_rest(&noise, FRAMES)
-                    .into_iter()
-                    .map(|r| Row {
-                        offset_m: r.offset_m - 0.003 * r.station as f64,
-                        ..r
-                    })
-                    .collect(),
-            ],
+            rows: vec![rows_of(&noise, FRAMES)],
             most_rows: FRAMES * STATIONS,
             huber: f64::INFINITY,
             jacobian: DMatrix::zeros(0, 0),
         };
-        let model = Noise {
-            scale: 1.0,
-            in_time: 0.6,
-            along_rope: 0.7,
-            values: f64::INFINITY,
-        };
         let raw = evaluation.whitened();
         let column = DMatrix::from_columns(&[raw]);
-        let white: DVector<f64> = model.whitener(&evaluation).apply(&column).column(0).into_owned();
+        let white: DVector<f64> = LIKE_THE_BENCHMARKS
+            .whitener(&evaluation)
+            .apply(&column)
+            .column(0)
+            .into_owned();
         let n = white.len() as f64;
         // Standard error of a variance from 2880 independent numbers: 2.6 %; four of them.
         assert!((white.norm_squared() / n - 1.0).abs() < 0.11);

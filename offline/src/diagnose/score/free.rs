@@ -4,7 +4,7 @@ use super::precision;
 use crate::diagnose::noise::{Noise, Whitener};
 use crate::fit::Evaluation;
 use crate::model::{ParameterInfo, Structure};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Standard deviation of the camera's position error that is projected out, m.
 const CAMERA_SHIFT_M: f64 = 0.005;
@@ -85,23 +85,33 @@ fn camera_columns(evaluation: &Evaluation) -> DMatrix<f64> {
     columns
 }
 
+/// The matrix of the normal equations of some columns with priors.
+pub(super) fn normal_matrix(columns: &DMatrix<f64>, precision: &[f64]) -> DMatrix<f64> {
+    let mut matrix = columns.tr_mul(columns);
+    for (k, p) in precision.iter().enumerate() {
+        matrix[(k, k)] += p;
+    }
+    matrix
+}
+
+/// The same, ready to be solved.
+pub(super) fn factor(normal_matrix: DMatrix<f64>) -> Cholesky<f64, Dyn> {
+    normal_matrix
+        .cholesky()
+        .expect("a prior makes the matrix positive definite")
+}
+
 /// Removes from a vector what the always-free columns explain, their priors taken into account.
 pub(in super::super) struct Projector {
     columns: DMatrix<f64>,
-    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+    factor: Cholesky<f64, Dyn>,
 }
 
 impl Projector {
     pub(in super::super) fn new(columns: DMatrix<f64>, precision: &[f64]) -> Self {
-        let mut hessian = columns.tr_mul(&columns);
-        for (k, p) in precision.iter().enumerate() {
-            hessian[(k, k)] += p;
-        }
         Self {
+            factor: factor(normal_matrix(&columns, precision)),
             columns,
-            factor: hessian
-                .cholesky()
-                .expect("a prior makes the matrix positive definite"),
         }
     }
 
@@ -135,8 +145,8 @@ impl Projector {
 mod tests {
     use super::super::ScoreProblem;
     use super::*;
-    use crate::bench_diagnosis::noise::correlated;
-    use crate::diagnose::noise::tests::rows_of;
+    use crate::bench_diagnosis::noise::{CORRELATION, correlated};
+    use crate::diagnose::noise::tests::{LIKE_THE_BENCHMARKS, rows_of};
     use crate::effects;
     use crate::observe::Row;
 
@@ -147,7 +157,7 @@ mod tests {
     /// valley of its other parameters the refit ends.
     #[test]
     fn a_refit_takes_away_what_its_score_said_where_the_rope_answers_in_proportion() {
-        let noise = |seed| correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], seed);
+        let noise = |seed| correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
         let (known, tilt) = (Structure::default(), effects::find("tilted_gravity").unwrap());
         let wide = Structure::default().with(tilt);
         // Slopes of a metre per unit: what a thousandth of a unit does is as large as the noise.
@@ -169,15 +179,13 @@ mod tests {
             }
         };
         let (before, after) = ([2e-3, -1e-3, 3e-3, 1e-3], [1e-3, -1e-3, 5e-4, -1e-3]);
-        let model = Noise {
-            in_time: 0.6,
-            along_rope: 0.7,
-            ..Noise::DECLARED
-        };
         for nuisances in [true, false] {
-            let problem = ScoreProblem::new(&at(before, &wide), &wide, &known, &model, nuisances);
+            let problem =
+                ScoreProblem::new(&at(before, &wide), &wide, &known, &LIKE_THE_BENCHMARKS, nuisances);
             let said = problem.table(DVector::zeros(rows.len()), 0.0, 1).scores[0].statistic;
-            let left = |theta, structure| whitened_left(&at(theta, structure), structure, &model, nuisances);
+            let left = |theta, structure| {
+                whitened_left(&at(theta, structure), structure, &LIKE_THE_BENCHMARKS, nuisances)
+            };
             let taken_away = left(before, &known) - left(after, &wide);
             assert!(
                 said > 100.0 && (taken_away / said - 1.0).abs() < 1e-2,

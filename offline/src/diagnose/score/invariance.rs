@@ -6,16 +6,14 @@
 //! the scores. Causes are what stays the same where circumstances change (Peters, Bühlmann and Meinshausen, J. R. Stat.
 //! Soc. B 78, 2016).
 
-use super::free::always_free;
-use super::{PSEUDO_SETS, Projector, normal, precision, quantile, whitened_vector};
+use super::free::{always_free, factor, normal_matrix};
+use super::{Projector, precision, pseudo_data, quantile, whitened_vector};
 use crate::diagnose::noise::{Noise, Whitener};
 use crate::effects;
 use crate::fit::Evaluation;
 use crate::model::Structure;
 use crate::words::{with_error, with_unit};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -109,6 +107,7 @@ pub(in super::super) fn invariances(
     let data = Data {
         evaluation,
         structure,
+        slopes: evaluation.whitened_jacobian(),
         parts: parts(evaluation),
         residual: whitened_vector(&whitener, evaluation.whitened()),
         discretisation: whitened_vector(&whitener, over_noise.clone()),
@@ -155,6 +154,7 @@ fn parts(evaluation: &Evaluation) -> Vec<Part> {
 struct Data<'a> {
     evaluation: &'a Evaluation,
     structure: &'a Structure,
+    slopes: DMatrix<f64>,
     parts: Vec<Part>,
     whitener: Whitener,
     residual: DVector<f64>,
@@ -205,7 +205,7 @@ impl Data<'_> {
     /// The effect with values of its own in each part.
     fn divided(&self, effect: usize) -> Divided {
         let (entries, info) = (self.structure.entries(effect), self.structure.parameters());
-        let slopes = self.evaluation.whitened_jacobian();
+        let slopes = &self.slopes;
         let others: Vec<usize> = (0..info.len()).filter(|k| !entries.contains(k)).collect();
         let of_others: Vec<_> = others.iter().map(|&k| info[k].clone()).collect();
         let free = self.whitener.apply(&slopes.select_columns(&others));
@@ -226,15 +226,13 @@ impl Data<'_> {
         Divided::new(solver, traces, &prior)
     }
 
-    /// The sign of the discretisation error is random, because only its shape is known.
     fn threshold(&self, divided: &Divided) -> f64 {
-        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-        let statistic = |set: usize| {
-            let sign = if set.is_multiple_of(2) { 1.0 } else { -1.0 };
-            let noise = DVector::from_fn(self.residual.len(), |_, _| normal(&mut random));
-            divided.statistic(&divided.right(&(&self.discretisation * sign + noise)))
-        };
-        quantile((0..PSEUDO_SETS).map(statistic).collect())
+        let statistic = |pseudo: DVector<f64>| divided.statistic(&divided.right(&pseudo));
+        quantile(
+            pseudo_data(&self.discretisation, self.seed)
+                .map(statistic)
+                .collect(),
+        )
     }
 }
 
@@ -252,20 +250,15 @@ impl Divided {
     fn new(solver: Projector, traces: DMatrix<f64>, prior: &[f64]) -> Self {
         let count = prior.len();
         let parts = traces.ncols() / count;
-        let mut by_part = traces.tr_mul(&traces);
-        for k in 0..by_part.nrows() {
-            // Together the parts have the prior of the whole.
-            by_part[(k, k)] += prior[k % count] / parts as f64;
-        }
+        // Together the parts have the prior of the whole.
+        let of_parts: Vec<f64> = (0..traces.ncols())
+            .map(|k| prior[k % count] / parts as f64)
+            .collect();
+        let by_part = normal_matrix(&traces, &of_parts);
         let by_all = DMatrix::from_fn(count, count, |a, b| {
             let pairs = (0..parts).flat_map(|i| (0..parts).map(move |j| (i, j)));
             pairs.map(|(i, j)| by_part[(i * count + a, j * count + b)]).sum()
         });
-        let factor = |hessian: DMatrix<f64>| {
-            hessian
-                .cholesky()
-                .expect("a prior makes the matrix positive definite")
-        };
         Self {
             solver,
             traces,
@@ -303,8 +296,8 @@ impl Divided {
 #[cfg(test)]
 pub(in super::super) mod tests {
     use super::*;
-    use crate::bench_diagnosis::noise::correlated;
-    use crate::diagnose::noise::tests::rows_of;
+    use crate::bench_diagnosis::noise::{CORRELATION, correlated};
+    use crate::diagnose::noise::tests::{LIKE_THE_BENCHMARKS, rows_of};
     use crate::observe::Row;
 
     const FRAMES: usize = 24;
@@ -313,7 +306,7 @@ pub(in super::super) mod tests {
     /// What thirds of a rope's motion say of an effect. Each of its parameters has a value in each third and moves the rope by
     /// so many metres per unit, in ways of its own, in the thirds that see it.
     fn of_effect(id: &str, parameters: &[([f64; 3], f64)], sees: [bool; 3], seed: u64) -> Invariance {
-        let noise = |seed| correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], seed);
+        let noise = |seed| correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
         let mut rows = rows_of(&noise(seed), FRAMES);
         let third = |row: &Row| PARTS * row.frame / FRAMES;
         let structure = Structure::default().with(effects::find(id).expect("in the registry"));
@@ -345,13 +338,15 @@ pub(in super::super) mod tests {
             huber: f64::INFINITY,
             jacobian,
         };
-        let model = Noise {
-            in_time: 0.6,
-            along_rope: 0.7,
-            ..Noise::DECLARED
-        };
         let errors = DVector::zeros(evaluation.len());
-        invariances((&evaluation, &structure), &model, &errors, true, seed).remove(0)
+        invariances(
+            (&evaluation, &structure),
+            &LIKE_THE_BENCHMARKS,
+            &errors,
+            true,
+            seed,
+        )
+        .remove(0)
     }
 
     /// The same of a tip mass that is `mass_kg` in each third, and 10 g of which move the rope by 3 mm.

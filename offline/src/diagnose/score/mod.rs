@@ -4,8 +4,8 @@ mod free;
 pub(super) mod invariance;
 mod subsets;
 
-use free::always_free;
 pub(super) use free::{Projector, whitened_left, whitened_vector};
+use free::{always_free, normal_matrix};
 pub(super) use invariance::invariances;
 pub use invariance::{Invariance, PartValue};
 pub(super) use subsets::MOST_MEMBERS;
@@ -287,14 +287,10 @@ impl ScoreProblem {
     /// Thresholds such that in 95 % of pseudo-data, which hold noise plus discretisation error, no score
     /// exceeds its own. Each is the effect's own 95 % point times a common factor, so that effects with
     /// many parameters do not raise the bar for the others (Westfall and Young 1993, balanced
-    /// max-T). The sign of the discretisation error is random, because only its shape is known.
+    /// max-T).
     fn thresholds(&self, views: &[View; 2], discretisation: &DVector<f64>, seed: u64) -> Vec<f64> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let scores: Vec<Vec<f64>> = (0..PSEUDO_SETS)
-            .map(|set| {
-                let sign = if set % 2 == 0 { 1.0 } else { -1.0 };
-                let noise = DVector::from_fn(discretisation.len(), |_, _| normal(&mut random));
-                let pseudo = discretisation * sign + noise;
+        let scores: Vec<Vec<f64>> = pseudo_data(discretisation, seed)
+            .map(|pseudo| {
                 let seen = views.each_ref().map(|view| view.solver.remove_vector(&pseudo));
                 (0..self.blocks.len())
                     .map(|b| {
@@ -321,6 +317,17 @@ impl ScoreProblem {
         let factor = quantile(largest.collect());
         own.iter().map(|q| q * factor).collect()
     }
+}
+
+/// Data without any effect, made white: noise and the discretisation error. Its sign is random, because only its shape is
+/// known.
+fn pseudo_data(discretisation: &DVector<f64>, seed: u64) -> impl Iterator<Item = DVector<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..PSEUDO_SETS).map(move |set| {
+        let sign = if set % 2 == 0 { 1.0 } else { -1.0 };
+        let noise = DVector::from_fn(discretisation.len(), |_, _| normal(&mut random));
+        discretisation * sign + noise
+    })
 }
 
 /// The point that [`QUANTILE`] of the values do not exceed.
@@ -410,12 +417,8 @@ impl Normal {
         precision: Vec<f64>,
         ranges: Vec<[f64; 2]>,
     ) -> Self {
-        let mut hessian = traces.tr_mul(traces);
-        for (k, p) in precision.iter().enumerate() {
-            hessian[(k, k)] += p;
-        }
         Self {
-            hessian,
+            hessian: normal_matrix(traces, &precision),
             right: traces.tr_mul(residual),
             precision,
             ranges,
