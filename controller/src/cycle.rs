@@ -120,6 +120,8 @@ pub struct Cycle<'a> {
     controller: Controller,
     queues: &'a Queues,
     dry_run: bool,
+    /// Whether the command of the turn before was a keep-alive.
+    was_kept: bool,
     last: Option<JointTarget>,
     /// A goal taken ahead of its turn.
     waiting: Option<Goal>,
@@ -138,6 +140,7 @@ impl<'a> Cycle<'a> {
             controller,
             queues,
             dry_run,
+            was_kept: false,
             last: None,
             waiting: None,
             goal: None,
@@ -146,18 +149,31 @@ impl<'a> Cycle<'a> {
         }
     }
 
+    /// Stops first; keep-alives and other commands in turn, so that no flood of the ones holds up the others.
+    fn next_command(&mut self) -> Option<Command> {
+        let queues = self.queues;
+        let served = self.controller.active_goal_id();
+        let other = || queues.commands.pop();
+        let kept = || queues.keep_alive_of(served);
+        let command = (queues.stops.pop()).or_else(|| {
+            if self.was_kept {
+                other().or_else(kept)
+            } else {
+                kept().or_else(other)
+            }
+        });
+        self.was_kept = command.is_some_and(|command| command.kind == CommandKind::KeepAlive.code());
+        command
+    }
+
     fn gather(&mut self, now_ns: u64, missed_deadlines: u64) -> Inputs {
         let mut robot = self.queues.robots.drain().last();
         if self.dry_run {
             robot = Some(imagined_arm(self.last.as_ref(), now_ns));
         }
-        let queues = self.queues;
-        let served = self.controller.active_goal_id();
         Inputs {
-            goal: self.waiting.take().or_else(|| queues.goals.pop()),
-            command: (queues.stops.pop())
-                .or_else(|| queues.commands.pop())
-                .or_else(|| queues.keep_alive_of(served)),
+            goal: self.waiting.take().or_else(|| self.queues.goals.pop()),
+            command: self.next_command(),
             robot,
             shutdown: self.queues.shutdown.load(Ordering::Relaxed),
             missed_deadlines,
@@ -346,6 +362,36 @@ mod tests {
         let (_, output) = flooded(&queues, reset, CommandKind::KeepAlive);
         assert_eq!(output.status.map(|status| status.command_id), Some(7));
         assert_eq!(queues.lost(), 0);
+    }
+
+    /// A client that keeps its promise is not stopped because another one sends a command in every cycle.
+    #[test]
+    fn a_flood_of_commands_holds_up_no_keep_alive() {
+        let queues = Queues::new(false);
+        let mut cycle = Cycle::new(controller(), &queues, true);
+        let mut turn = |k: u64, commands: &[Command]| {
+            commands.iter().for_each(|&command| queues.put_command(command));
+            cycle.turn(k * 4_000_000, 0, &mut |_| {});
+            cycle.controller.phase()
+        };
+        for k in 1..4 {
+            turn(k, &[]);
+        }
+        queues.put(
+            &queues.goals,
+            Goal {
+                magic: GOAL_MAGIC,
+                id: 5,
+                stamp_ns: 16_000_000,
+                x_m: 0.33,
+                keep_alive_ms: 100,
+                ..Goal::default()
+            },
+        );
+        for k in 4..100 {
+            let (kept, reset) = (command(CommandKind::KeepAlive, 5), command(CommandKind::Reset, k));
+            assert_eq!(turn(k, &[reset, reset, kept]), Phase::Homing, "turn {k}");
+        }
     }
 
     /// The keep-alive of the goal that is served gets through among those of others.

@@ -8,10 +8,7 @@ use shared::arm::{
 };
 use shared::blob::TaskFrame;
 use shared::ik::{self, IkError};
-use shared::profile::{LineProfile, MotionLimits};
-
-/// Peaks of the minimum-jerk polynomial over unit distance and unit time: speed, acceleration, jerk.
-const PEAKS: [f64; 3] = [1.875, 5.773502691896258, 60.0];
+use shared::profile::{LineProfile, MINIMUM_JERK_PEAKS as PEAKS, MotionLimits, minimum_jerk};
 
 /// Minimum-jerk motion of all joints from rest to rest in one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,13 +53,26 @@ impl JointMove {
 
     /// Joint angles at time `t_s` after the start, rad.
     pub fn joints_rad(&self, t_s: f64) -> Joints {
-        let u = if self.duration_s > 0.0 {
-            (t_s / self.duration_s).clamp(0.0, 1.0)
+        let s = self.share(t_s);
+        std::array::from_fn(|i| self.from_rad[i] + s * (self.to_rad[i] - self.from_rad[i]))
+    }
+
+    /// What is left of the motion after `t_s`, from rest to rest, as [`LineProfile::left_after`] has it.
+    pub fn left_after(&self, t_s: f64) -> Self {
+        Self {
+            from_rad: self.joints_rad(t_s),
+            to_rad: self.to_rad,
+            duration_s: self.duration_s * (1.0 - self.share(t_s)).cbrt(),
+        }
+    }
+
+    /// Share of the way at time `t_s`.
+    fn share(&self, t_s: f64) -> f64 {
+        if self.duration_s > 0.0 {
+            minimum_jerk((t_s / self.duration_s).clamp(0.0, 1.0))
         } else {
             1.0
-        };
-        let s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
-        std::array::from_fn(|i| self.from_rad[i] + s * (self.to_rad[i] - self.from_rad[i]))
+        }
     }
 }
 

@@ -50,6 +50,32 @@ impl Leg {
             }
         }
     }
+
+    /// What is left of the leg after its target number `target`, from rest again; none where it holds still.
+    pub fn left_after(&self, target: u32, period_s: f64) -> Option<Self> {
+        let t_s = f64::from(target) * period_s;
+        let (motion, duration_s) = match &self.motion {
+            Motion::Hold => return None,
+            Motion::Joints(path) => {
+                let left = path.left_after(t_s);
+                (Motion::Joints(left), left.duration_s())
+            }
+            Motion::Line(profile) => {
+                let left = profile.left_after(t_s);
+                (Motion::Line(left), left.duration_s())
+            }
+        };
+        Some(Self {
+            motion,
+            targets: targets_in(duration_s, period_s),
+            ..*self
+        })
+    }
+}
+
+/// Targets that it takes to last so long.
+fn targets_in(duration_s: f64, period_s: f64) -> u32 {
+    (duration_s / period_s).ceil() as u32
 }
 
 /// The motion that serves one goal.
@@ -152,7 +178,7 @@ pub fn plan(
     let start_rad = ik::solve(&start).map_err(|error| refusal(LineError::Pose(error)))?;
     let homing = homing(&blob.frame, from.q_rad, start_rad)?;
 
-    let targets = |duration_s: f64| (duration_s / pace.period_s).ceil() as u32;
+    let targets = |duration_s: f64| targets_in(duration_s, pace.period_s);
     let hold = |phase, gripper, targets| Leg {
         phase,
         gripper,

@@ -8,6 +8,7 @@ use crate::voice::{Event, Voice};
 use shared::recording::{FRAME_BYTES, HEADER_BYTES, Header, Record, present};
 use std::fs::File;
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -112,6 +113,15 @@ impl Recorder {
 fn create(path: &Path) -> io::Result<File> {
     match File::create_new(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists && !path.is_file() => {
+            // Without a reader a pipe would hold up the start for ever; this fails at once.
+            let _reader_is_there = File::options()
+                .write(true)
+                .custom_flags(libc::O_NONBLOCK)
+                .open(path)
+                .map_err(|error| match error.raw_os_error() {
+                    Some(libc::ENXIO) => io::Error::other("nobody reads this pipe: start its reader first"),
+                    _ => error,
+                })?;
             File::options().write(true).open(path)
         }
         outcome => outcome,
@@ -212,4 +222,29 @@ fn read_up_to(file: &mut impl Read, bytes: &mut [u8]) -> io::Result<usize> {
         }
     }
     Ok(filled)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::ffi::OsStrExt;
+
+    /// The start once waited for a reader for ever.
+    #[test]
+    fn a_pipe_that_nobody_reads_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let name = std::ffi::CString::new(pipe.as_os_str().as_bytes()).unwrap();
+        // SAFETY: the name is a string that ends with a zero.
+        assert_eq!(unsafe { libc::mkfifo(name.as_ptr(), 0o600) }, 0);
+        let refused = create(&pipe).unwrap_err().to_string();
+        assert!(refused.contains("nobody reads this pipe"), "{refused}");
+        let reader = File::options()
+            .read(true)
+            .custom_flags(libc::O_NONBLOCK)
+            .open(&pipe)
+            .unwrap();
+        assert!(create(&pipe).is_ok());
+        drop(reader);
+    }
 }

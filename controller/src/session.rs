@@ -15,7 +15,7 @@ use shared::messages::PROTOCOL;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::os::fd::AsRawFd;
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -69,6 +69,9 @@ pub enum SessionError {
         /// What came back; named so that it is not said twice.
         reason: std::io::Error,
     },
+    /// Whoever may write there could lead clients, and their stops, elsewhere.
+    #[error("{0} is not a folder that only this user may write to: remove it, or let its owner do so")]
+    NotOurs(PathBuf),
     /// Writing into memory that the kernel then cannot supply would end the process without a word.
     #[error(
         "{SHARED_MEMORY} has {free_mb} MB left and {needed_mb} are needed: remove what fills it, or enlarge it (in a container: --shm-size=64m)"
@@ -82,6 +85,18 @@ pub enum SessionError {
     /// iceoryx2 does not take the path.
     #[error("{0} is no path for iceoryx2")]
     Path(PathBuf),
+}
+
+/// Refuses a folder that others made or may write to: everybody may make one in `/tmp`.
+fn check_ours(folder: &Path) -> Result<(), SessionError> {
+    let found = fs::symlink_metadata(folder).map_err(io("cannot look at", folder))?;
+    // SAFETY: reads a number of this process.
+    let user = unsafe { libc::geteuid() };
+    if found.is_dir() && found.uid() == user && found.mode() & 0o022 == 0 {
+        Ok(())
+    } else {
+        Err(SessionError::NotOurs(folder.to_path_buf()))
+    }
 }
 
 fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> SessionError {
@@ -179,6 +194,7 @@ impl Instance {
             .mode(0o700)
             .create(&base)
             .map_err(io("cannot create", &base))?;
+        check_ours(&base)?;
         let lock = self.take_lock()?;
         self.wipe()?;
         check_shared_memory(SHARED_MEMORY_NEEDED)?;
@@ -378,6 +394,7 @@ fn lock_is_held(file: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn names_are_checked() {
@@ -392,6 +409,21 @@ mod tests {
             assert!(Instance::new(bad).is_err(), "{bad}");
         }
         assert!(Instance::new("arm-2").is_ok());
+    }
+
+    #[test]
+    fn a_folder_that_others_may_write_to_is_not_used() {
+        let folder = std::env::temp_dir().join(format!("genorm-test-{}", std::process::id()));
+        for (mode, ours) in [(0o700, true), (0o755, true), (0o777, false), (0o720, false)] {
+            fs::create_dir(&folder).unwrap();
+            fs::set_permissions(&folder, fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(check_ours(&folder).is_ok(), ours, "{mode:o}");
+            fs::remove_dir(&folder).unwrap();
+        }
+        std::os::unix::fs::symlink(std::env::temp_dir(), &folder).unwrap();
+        let refused = check_ours(&folder).unwrap_err().to_string();
+        fs::remove_file(&folder).unwrap();
+        assert!(refused.contains("only this user may write"), "{refused}");
     }
 
     #[test]

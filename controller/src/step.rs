@@ -16,17 +16,21 @@
 //!  A shutdown leads through Stopping to Ended; where nothing moves, Ended and Fault are reached at once.
 //! ```
 
-use crate::constants::{FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, STATUS_EVERY_NS};
+mod judge;
+
+use crate::constants::{
+    FOLLOWING_ERROR_MAX_RAD, GOAL_AGE_MAX_NS, GOAL_AHEAD_MAX_NS, STALL_PERIODS, STATUS_EVERY_NS,
+};
 use crate::guard::{Brake, Guard};
 pub use crate::interface::{Inputs, Output, Setup};
-use crate::plan::{self, LEGS, Pace, Plan, Start};
+use crate::plan::{LEGS, Plan, Start};
 use crate::promise::Promise;
 use crate::readiness;
 use crate::survey::Survey;
-use shared::arm::{Joints, LEVEL_POSTURE_RAD};
+use shared::arm::Joints;
 use shared::messages::{
-    COMMAND_MAGIC, Command, CommandKind, GOAL_MAGIC, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason,
-    RobotState, STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
+    COMMAND_MAGIC, Command, CommandKind, Goal, Gripper, JointTarget, Phase, ROBOT_MAGIC, Reason, RobotState,
+    STATUS_MAGIC, Status, TARGET_MAGIC, all_finite,
 };
 
 /// What follows a stop.
@@ -84,6 +88,8 @@ pub struct Controller {
     accepted_id: u64,
     accepted_stamp_ns: u64,
     cycles_to_target: u32,
+    /// When the newest target was due, ns.
+    due_ns: u64,
     targets_sent: u64,
     sent_before_stream: u64,
     status: Status,
@@ -109,6 +115,7 @@ impl Controller {
             accepted_id: 0,
             accepted_stamp_ns: 0,
             cycles_to_target: 1,
+            due_ns: 0,
             targets_sent: 0,
             sent_before_stream: 0,
             status: Status {
@@ -157,23 +164,6 @@ impl Controller {
             status: self.report(now_ns),
             ended: matches!(self.mode, Mode::Ended),
         }
-    }
-
-    /// Plans ahead for a goal that waits for the next step, or for a likely one, so that caches and branch
-    /// predictors know the way. Changes how long the next step takes, nothing else.
-    pub fn prepare(&mut self, goal: &Goal) {
-        let q_rad = self.guard.as_ref().map_or(LEVEL_POSTURE_RAD, Guard::last_rad);
-        let start = self.start_at(q_rad);
-        self.prepared = Some(Prepared {
-            goal: *goal,
-            start,
-            outcome: self.plan(goal, &start),
-        });
-    }
-
-    /// A goal that a client could ask for, another one each cycle.
-    pub fn likely_goal(&self) -> Goal {
-        plan::likely_goal(&self.setup.blob, self.status.cycles)
     }
 
     /// The goal being served; 0 when none is.
@@ -398,81 +388,9 @@ impl Controller {
         self.mode = Mode::Idle;
     }
 
-    fn judge(&mut self, goal: &Goal, now_ns: u64) {
-        let verdict = self.check(goal, now_ns);
-        match verdict {
-            Ok(plan) => {
-                self.accepted_id = goal.id;
-                self.accepted_stamp_ns = goal.stamp_ns;
-                self.status.goals_accepted += 1;
-                self.status.active_goal_id = goal.id;
-                self.mode = Mode::Running {
-                    plan,
-                    leg: 0,
-                    target: 0,
-                    promise: Promise::of(goal, self.setup.cycle_ns),
-                };
-            }
-            Err(_) => self.status.goals_refused += 1,
-        }
-        self.status.judged_goal_id = goal.id;
-        self.status.judged_reason = verdict.err().unwrap_or(Reason::Accepted).code();
-        self.status_changed = true;
-    }
-
-    fn check(&self, goal: &Goal, now_ns: u64) -> Result<Plan, Reason> {
-        if goal.magic != GOAL_MAGIC || goal.id == 0 {
-            return Err(Reason::Malformed);
-        }
-        if !goal.x_m.is_finite() {
-            return Err(Reason::NonFinite);
-        }
-        if goal.stamp_ns > now_ns.saturating_add(GOAL_AHEAD_MAX_NS) {
-            return Err(Reason::FromFuture);
-        }
-        if now_ns.saturating_sub(goal.stamp_ns) > GOAL_AGE_MAX_NS {
-            return Err(Reason::Stale);
-        }
-        if goal.id == self.accepted_id || goal.stamp_ns < self.accepted_stamp_ns {
-            return Err(Reason::OutOfOrder);
-        }
-        if goal.stamp_ns < self.drop_sent_ns {
-            return Err(Reason::Cancelled);
-        }
-        match (&self.mode, &self.guard) {
-            (Mode::Idle, Some(_)) if self.targets_unread() => Err(Reason::TargetsUnread),
-            (Mode::Idle, Some(guard)) => {
-                let start = self.start_at(guard.last_rad());
-                match &self.prepared {
-                    Some(prepared) if prepared.goal == *goal && prepared.start == start => prepared.outcome,
-                    _ => self.plan(goal, &start),
-                }
-            }
-            (Mode::Running { .. } | Mode::Stopping { .. }, _) => Err(Reason::Busy),
-            (Mode::Fault, _) => Err(Reason::Latched),
-            (Mode::Ended, _) => Err(Reason::Shutdown),
-            (Mode::Waiting | Mode::Idle, _) if self.silent() => Err(Reason::NotReady),
-            (Mode::Waiting | Mode::Idle, _) => {
-                Err(readiness::obstacle(&self.robot).unwrap_or(Reason::NotReady))
-            }
-        }
-    }
-
-    fn start_at(&self, q_rad: Joints) -> Start {
-        let gripper = self.gripper;
-        Start { q_rad, gripper }
-    }
-
-    fn plan(&self, goal: &Goal, start: &Start) -> Result<Plan, Reason> {
-        let pace = Pace {
-            period_s: self.period_s,
-            gripper_lead_s: self.setup.gripper_lead_ns as f64 * 1e-9,
-        };
-        plan::plan(&self.setup.blob, self.survey.as_ref(), goal, start, &pace)
-    }
-
     /// The next target, which has passed the guard; none while waiting, in fault or at the end.
     fn advance(&mut self, now_ns: u64) -> Option<JointTarget> {
+        self.go_on_after_a_stall(now_ns);
         if self.stream_begun {
             self.next_leg();
         }
@@ -487,6 +405,28 @@ impl Controller {
         next.or_else(|| self.hold(now_ns))
             .or_else(|| self.slow_down(now_ns))
             .or_else(|| self.hold(now_ns))
+    }
+
+    /// Where this program was held up, the arm has come to stand at the newest target; there a motion goes on from rest, for
+    /// at full speed it would be a jerk.
+    fn go_on_after_a_stall(&mut self, now_ns: u64) {
+        let stalled = now_ns.saturating_sub(self.due_ns) > STALL_PERIODS * self.period_ns();
+        self.due_ns = now_ns;
+        let Some(guard) = self.guard.as_mut().filter(|_| stalled) else {
+            return;
+        };
+        *guard = Guard::at_rest(guard.last_rad(), self.period_s);
+        match &mut self.mode {
+            Mode::Running {
+                plan, leg, target, ..
+            } => {
+                if let Some(left) = plan.legs[*leg].left_after(*target, self.period_s) {
+                    (plan.legs[*leg], *target) = (left, 0);
+                }
+            }
+            Mode::Stopping { brake, .. } => *brake = guard.brake(),
+            _ => {}
+        }
     }
 
     fn hold(&mut self, now_ns: u64) -> Option<JointTarget> {

@@ -22,6 +22,10 @@ enum Event {
     },
     Command {
         kind: u32,
+        stamped: bool,
+    },
+    Stall {
+        cycles: u64,
     },
     Unread,
     Read,
@@ -52,7 +56,9 @@ fn event() -> impl Strategy<Value = Event> {
             }),
         1 => Just(Event::Unread),
         2 => Just(Event::Read),
-        3 => (0u32..6).prop_map(|kind| Event::Command { kind }),
+        3 => (0u32..6, prop::bool::weighted(0.9))
+            .prop_map(|(kind, stamped)| Event::Command { kind, stamped }),
+        1 => (1u64..100).prop_map(|cycles| Event::Stall { cycles }),
         1 => Just(Event::Silence),
         3 => Just(Event::Voice),
         1 => Just(Event::Stuck),
@@ -81,15 +87,18 @@ fn apply(world: &mut World, voice: &mut Option<RobotState>, event: &Event) {
                 ..goal
             });
         }
-        Event::Command { kind } => {
+        Event::Command { kind, stamped } => {
+            // A keep-alive names the goal that it is for.
+            let id = world.controller.active_goal_id().max(1);
             world.next.command = Some(Command {
                 magic: COMMAND_MAGIC,
-                stamp_ns: 0,
-                id: 1,
+                stamp_ns: if stamped { world.now_ns } else { 0 },
+                id,
                 kind,
                 reserved: 0,
             });
         }
+        Event::Stall { cycles } => world.stall(cycles),
         Event::Unread => world.reads = false,
         Event::Read => world.reads = true,
         Event::Silence => *voice = world.arm.take().or(*voice),

@@ -23,8 +23,16 @@ impl MotionLimits {
     };
 }
 
-/// Rest-to-rest motion along a straight line with the minimum-jerk polynomial
-/// s(u) = 10u³ − 15u⁴ + 6u⁵ (Flash and Hogan 1985), slow enough for the given limits.
+/// Share of the way from rest to rest at the share `u` of the time: the minimum-jerk polynomial 10u³ − 15u⁴ + 6u⁵ (Flash
+/// and Hogan 1985).
+pub fn minimum_jerk(u: f64) -> f64 {
+    u * u * u * (10.0 + u * (6.0 * u - 15.0))
+}
+
+/// Peaks of that polynomial's derivatives: speed 15/8, acceleration 10/√3, jerk 60.
+pub const MINIMUM_JERK_PEAKS: [f64; 3] = [1.875, 5.773502691896258, 60.0];
+
+/// Rest-to-rest motion along a straight line by [`minimum_jerk`], slow enough for the given limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineProfile {
     from_m: [f64; 3],
@@ -33,19 +41,18 @@ pub struct LineProfile {
 }
 
 impl LineProfile {
-    /// The fastest profile from `from_m` to `to_m` whose peaks stay within `limits`.
-    ///
-    /// The peaks of the polynomial over a distance D and a duration T are speed 15/8 D/T,
-    /// acceleration 10/√3 D/T² and jerk 60 D/T³.
+    /// The fastest profile from `from_m` to `to_m` whose peaks stay within `limits`. Over a distance D and a duration T they
+    /// are those of the polynomial times D/T, D/T² and D/T³.
     pub fn new(from_m: [f64; 3], to_m: [f64; 3], limits: &MotionLimits) -> Self {
         let mut square = 0.0;
         for k in 0..3 {
             square += (to_m[k] - from_m[k]) * (to_m[k] - from_m[k]);
         }
         let distance = libm::sqrt(square);
-        let by_speed = 1.875 * distance / limits.speed_m_s;
-        let by_acceleration = libm::sqrt(10.0 / libm::sqrt(3.0) * distance / limits.acceleration_m_s2);
-        let by_jerk = libm::cbrt(60.0 * distance / limits.jerk_m_s3);
+        let [speed, acceleration, jerk] = MINIMUM_JERK_PEAKS.map(|peak| peak * distance);
+        let by_speed = speed / limits.speed_m_s;
+        let by_acceleration = libm::sqrt(acceleration / limits.acceleration_m_s2);
+        let by_jerk = libm::cbrt(jerk / limits.jerk_m_s3);
         Self {
             from_m,
             to_m,
@@ -58,10 +65,20 @@ impl LineProfile {
         self.duration_s
     }
 
+    /// What is left of the line after `t_s`, from rest to rest. In the cube root of the share of the way that is left, no
+    /// derivative peaks higher than before, at any place of it.
+    pub fn left_after(&self, t_s: f64) -> Self {
+        let left = 1.0 - minimum_jerk(self.phase(t_s));
+        Self {
+            from_m: self.position_m(t_s),
+            to_m: self.to_m,
+            duration_s: self.duration_s * libm::cbrt(left),
+        }
+    }
+
     /// Position at time `t_s` after the start, m; the end points outside the motion.
     pub fn position_m(&self, t_s: f64) -> [f64; 3] {
-        let u = self.phase(t_s);
-        let s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+        let s = minimum_jerk(self.phase(t_s));
         core::array::from_fn(|k| self.from_m[k] + s * (self.to_m[k] - self.from_m[k]))
     }
 
@@ -87,6 +104,24 @@ impl LineProfile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_of_a_line_ends_there_and_peaks_no_higher() {
+        let whole = LineProfile::new([0.0; 3], [0.3, 0.0, 0.4], &MotionLimits::PAPER);
+        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            let t_s = share * whole.duration_s();
+            let left = whole.left_after(t_s);
+            assert_eq!(left.position_m(0.0), whole.position_m(t_s));
+            assert_eq!(left.position_m(left.duration_s()), [0.3, 0.0, 0.4]);
+            let way = 1.0 - minimum_jerk(share);
+            // Of jerk, acceleration and speed the first peaks as high as before.
+            assert!(
+                (way / libm::pow(left.duration_s() / whole.duration_s(), 3.0) - 1.0).abs() < 1e-9
+                    || way == 0.0
+            );
+            assert!(left.duration_s() <= whole.duration_s());
+        }
+    }
 
     #[test]
     fn peaks_stay_within_the_limits_and_one_is_reached() {

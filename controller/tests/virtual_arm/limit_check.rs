@@ -1,5 +1,6 @@
 //! The limits of the arm, checked by finite differences of what was sent. Written anew, apart from the
-//! guard, because it judges the guard; tests across processes use it too.
+//! guard, because it judges the guard; tests across processes use it too. An arm that got no target for a while stands at
+//! the newest one.
 
 use shared::arm::{
     self, ACCELERATION_MAX_RAD_S2, FLANGE_SPEED_MAX_M_S, JERK_MAX_RAD_S3, JOINTS, SPEED_MAX_RAD_S,
@@ -8,6 +9,9 @@ use shared::messages::JointTarget;
 
 /// Subtracting angles of up to 6 rad leaves 1e-15 / (1 ms)³ of noise in the jerk.
 const SLACK: f64 = 1.0 + 1e-6;
+
+/// Periods after which an arm without targets stands.
+const STANDS_AFTER: f64 = 5.0;
 
 /// Follows a stream of targets and finds the first that breaks a limit.
 pub struct LimitCheck {
@@ -31,10 +35,15 @@ impl LimitCheck {
         if let Some(joint) = arm::joint_out_of_range(&target.q_rad) {
             return Err(format!("{name}: joint {joint} out of range"));
         }
-        let [a, b, c] = match &self.recent {
+        let mut recent = match &self.recent {
             Some(recent) if recent[0].stream == target.stream => *recent,
             _ => [*target; 3],
         };
+        let since_ns = target.stamp_ns.saturating_sub(recent[0].stamp_ns);
+        if since_ns as f64 > STANDS_AFTER * 1e9 * self.period_s * SLACK {
+            recent = [recent[0]; 3];
+        }
+        let [a, b, c] = recent;
         if a.seq != target.seq && a.seq + 1 != target.seq {
             return Err(format!("{name} came after {}", a.seq));
         }

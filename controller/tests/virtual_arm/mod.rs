@@ -127,6 +127,11 @@ impl World {
         output
     }
 
+    /// Time in which the controller is held up.
+    pub fn stall(&mut self, cycles: u64) {
+        self.now_ns += cycles * self.cycle_ns;
+    }
+
     pub fn run(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.cycle();
