@@ -155,12 +155,18 @@ pub(super) fn independent_squares(values: f64, in_time: f64, along_rope: f64) ->
     values * share(in_time) * share(along_rope)
 }
 
-/// Measured places of one station along one direction over the frames at rest, in declared standard errors.
+/// Measured places of one station along one direction over the frames at rest.
 struct Series {
     station: usize,
     direction: [f64; 3],
+    /// Over the declared standard errors.
     places: Vec<f64>,
+    /// One over the declared standard errors, 1/m: what a metre of the unknown mean adds to each.
+    per_metre: Vec<f64>,
 }
+
+/// Least share of a direction that the offsets of a frame must measure.
+const SEEN: f64 = 0.5;
 
 /// Series of the stations that are seen in every frame at rest; `scale` is what the rows' standard errors are over the
 /// declared ones.
@@ -174,20 +180,17 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
         let Some(first) = at.first() else { continue };
         let axes: Vec<&&Row> = at.iter().filter(|r| r.frame == first.frame).collect();
         for axis in axes {
-            // Where it was measured: a simulated rope that settles meanwhile is no noise. Offsets are added as vectors, for
-            // directions may turn a little from frame to frame.
-            let place = |frame: usize| {
-                let mut here = at.iter().filter(|r| r.frame == frame).peekable();
-                let predicted_m = alike(&here.peek()?.position_m, &axis.direction) / axis.sigma_m;
-                let offsets = here.map(|r| r.offset_m / r.sigma_m * alike(&r.direction, &axis.direction));
-                Some(scale * (predicted_m + offsets.sum::<f64>()))
-            };
-            let places: Vec<f64> = (0..frames).filter_map(place).collect();
-            if places.len() == frames {
+            let seen: Vec<(f64, f64)> = (0..frames).filter_map(|frame| place(&at, axis, frame)).collect();
+            if seen.len() == frames {
+                let per_metre = seen.iter().map(|(_, sigma_m)| scale / sigma_m);
                 found.push(Series {
                     station,
                     direction: axis.direction,
-                    places,
+                    places: (seen.iter())
+                        .zip(per_metre.clone())
+                        .map(|((place_m, _), w)| place_m * w)
+                        .collect(),
+                    per_metre: per_metre.collect(),
                 });
             }
         }
@@ -195,25 +198,39 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
     found
 }
 
+/// Where a station was measured along an axis in a frame, and the standard error of that, m; none where it was not seen along
+/// it. What was measured, not how far it lies from the model: a simulated rope that settles meanwhile is no noise. Offsets are
+/// added as vectors, for directions may turn a little from frame to frame.
+fn place(at: &[&Row], axis: &Row, frame: usize) -> Option<(f64, f64)> {
+    let here = || at.iter().filter(|r| r.frame == frame);
+    let predicted_m = alike(&here().next()?.position_m, &axis.direction);
+    let (mut place_m, mut variance, mut seen) = (predicted_m, 0.0, 0.0);
+    for row in here() {
+        let share = alike(&row.direction, &axis.direction);
+        place_m += row.offset_m * share;
+        variance += (row.sigma_m * share).powi(2);
+        seen += share * share;
+    }
+    (seen > SEEN).then(|| (place_m, variance.sqrt()))
+}
+
 fn alike(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     (0..3).map(|k| a[k] * b[k]).sum()
 }
 
-/// Independent parts of an autoregressive series about its best mean.
-fn innovations(offsets: &[f64], r: f64) -> Vec<f64> {
+/// Independent parts of an autoregressive series about its best mean, and how well they tell that mean, 1/m².
+fn innovations(series: &Series, r: f64) -> (Vec<f64>, f64) {
     let spread = (1.0 - r * r).sqrt();
-    let part = |t: usize, now: f64, before: f64| if t == 0 { now } else { (now - r * before) / spread };
-    let plain = |t: usize| part(t, offsets[t], if t == 0 { 0.0 } else { offsets[t - 1] });
-    let (mut product, mut square) = (0.0, 0.0);
-    for t in 0..offsets.len() {
-        let one = part(t, 1.0, 1.0);
-        product += one * plain(t);
-        square += one * one;
-    }
-    let mean = product / square;
-    (0..offsets.len())
-        .map(|t| plain(t) - mean * part(t, 1.0, 1.0))
-        .collect()
+    let independent = |values: &[f64]| -> Vec<f64> {
+        let rest = values.windows(2).map(|two| (two[1] - r * two[0]) / spread);
+        std::iter::once(values[0]).chain(rest).collect()
+    };
+    let (parts, ones) = (independent(&series.places), independent(&series.per_metre));
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let precision = dot(&ones, &ones);
+    let mean_m = dot(&ones, &parts) / precision;
+    let about_mean = parts.iter().zip(&ones).map(|(part, one)| part - mean_m * one);
+    (about_mean.collect(), precision)
 }
 
 /// Variance that fits best at a correlation, and the logarithm of the restricted likelihood there.
@@ -221,10 +238,11 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
     let (mut square, mut free, mut determinants) = (0.0, 0.0, 0.0);
     for s in series {
         let n = s.places.len() as f64;
-        square += innovations(&s.places, r).iter().map(|u| u * u).sum::<f64>();
+        let (parts, precision) = innovations(s, r);
+        square += parts.iter().map(|u| u * u).sum::<f64>();
         free += n - 1.0;
-        // ln det R = (n - 1) ln(1 - r²) and 1'R⁻¹1 = (n - (n - 2) r)/(1 + r) of an AR(1) series.
-        determinants += (n - 1.0) * (1.0 - r * r).ln() + ((n - (n - 2.0) * r) / (1.0 + r)).ln();
+        // ln det R = (n - 1) ln(1 - r²) of an AR(1) series.
+        determinants += (n - 1.0) * (1.0 - r * r).ln() + precision.ln();
     }
     let variance = square / free;
     (
@@ -236,7 +254,7 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
 /// Correlation of the innovations of neighbouring stations, compared as vectors: directions across a rope are those in
 /// which it was seen best and worst, and their order and signs mean nothing.
 fn neighbours(series: &[Series], in_time: f64) -> f64 {
-    let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(&s.places, in_time)).collect();
+    let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(s, in_time).0).collect();
     let (mut product, mut norm) = (0.0, 0.0);
     for (i, a) in series.iter().enumerate() {
         // Series are in the order of their stations, at most three of each.
@@ -383,6 +401,31 @@ pub(super) mod tests {
         assert!((times - 0.6).abs() < 0.03, "{times}");
         assert!((scales - 2.0).abs() < 0.1, "{scales}");
         assert!((alongs - 0.7).abs() < 0.03, "{alongs}");
+    }
+
+    /// Clouds tell a station now well and now badly: how far the rope lies from where the model puts it is still no noise.
+    #[test]
+    fn noise_at_rest_does_not_hang_on_where_the_model_puts_the_rope() {
+        const SETS: u64 = 40;
+        let found = |seed: u64, off_m: f64| {
+            let mut rows = rows_of(&correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed), 12);
+            for row in &mut rows {
+                let worse = 1.0 + 0.6 * (7.0 * row.frame as f64 + 3.0 * row.station as f64).sin();
+                row.sigma_m *= worse;
+                row.offset_m = row.offset_m * worse + off_m;
+            }
+            Noise::of_series(&rest_series(&rows, (12, STATIONS), 1.0)).expect("frames at rest")
+        };
+        let (mut scale, mut in_time) = (0.0, 0.0);
+        for seed in 0..SETS {
+            let [plain, off] = [found(seed, 0.0), found(seed, 0.005)];
+            assert!((off.scale / plain.scale - 1.0).abs() < 1e-9, "{off:?} {plain:?}");
+            assert_eq!(off.in_time, plain.in_time);
+            scale += plain.scale / SETS as f64;
+            in_time += plain.in_time / SETS as f64;
+        }
+        assert!((scale - 1.0).abs() < 0.05, "{scale}");
+        assert!((in_time - CORRELATION[0]).abs() < 0.03, "{in_time}");
     }
 
     /// Directions across the rope as a measurement has them: turned at every station, in any order and of any sign.

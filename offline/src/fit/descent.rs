@@ -270,6 +270,8 @@ impl<'a> Descent<'a> {
     /// range, which no cause is, it becomes as heavy as it may.
     pub fn shrunk(mut self, evaluations: usize, most_cost: f64) -> Self {
         self.complete();
+        // Steps are promised as they will be taken: by the damping that stopped the last descent nothing would move.
+        self.damping = FIRST_DAMPING;
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
         let held = |weight: f64| self.clone().under(weight).again(evaluations);
         let weight = self.heaviest_that_promises(heaviest, most_cost);

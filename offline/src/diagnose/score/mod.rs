@@ -12,11 +12,12 @@ pub(super) use subsets::MOST_MEMBERS;
 pub use subsets::Subset;
 
 use super::noise::{Noise, Whitener};
+use crate::collect::standard_normal;
 use crate::effects;
 use crate::fit::Evaluation;
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -325,7 +326,7 @@ fn pseudo_data(discretisation: &DVector<f64>, seed: u64) -> impl Iterator<Item =
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     (0..PSEUDO_SETS).map(move |set| {
         let sign = if set % 2 == 0 { 1.0 } else { -1.0 };
-        let noise = DVector::from_fn(discretisation.len(), |_, _| normal(&mut random));
+        let noise = DVector::from_fn(discretisation.len(), |_, _| standard_normal(&mut random));
         discretisation * sign + noise
     })
 }
@@ -481,10 +482,4 @@ pub(super) fn discretisation_mm(
 
 fn precision(info: &ParameterInfo) -> f64 {
     1.0 / (info.prior_sd * info.prior_sd)
-}
-
-/// A standard normal number (Box and Muller 1958).
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let (u, v): (f64, f64) = (random.random::<f64>().max(f64::MIN_POSITIVE), random.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
