@@ -6,12 +6,14 @@
 //! lie on the rope's surface, a circle of the known radius R in the plane across the rope, and the
 //! offset δ of that circle's centre is found from |q − δ| = R. Seeing only the front of the rope
 //! hence shifts nothing (`circle.rs`), and no camera has to be known; of one that is, the noise is known to lie along its
-//! rays. Labelled markers give three offsets directly.
+//! rays. What else the cameras saw is set aside (`background.rs`). Labelled markers give three offsets directly.
 
+mod background;
 mod circle;
 
 use crate::demo::{Demo, Observations};
 use crate::sim::kernel::weights;
+use background::rope_points;
 use circle::{Seen, circle_centres};
 use nalgebra::{Matrix2, Vector2};
 
@@ -205,6 +207,12 @@ impl SectionShape {
         }
     }
 
+    /// How far from their mean points of one section may lie, m: across the rope and back, with their noise, where the rope
+    /// is thought to run at up to 45 degrees to how it does.
+    fn reach_m(&self, length_m: f64, noise_m: f64) -> f64 {
+        2.0 * self.radius_m + 4.0 * noise_m + length_m / STATIONS as f64
+    }
+
     /// Part of the standard error that more points do not lower, m.
     fn systematic_m(&self) -> f64 {
         match self.section {
@@ -302,10 +310,14 @@ fn centres(
         Section::Surface => {
             let seen = |(station, bin): (usize, &Vec<(Projected, f64)>)| {
                 let (segment, arc_m) = middle(station, line, segments);
-                enough(bin).then(|| Seen {
-                    points_m: bin.iter().map(|(p, _)| p.across_m).collect(),
-                    rays: shape.rays(segment, arc_m),
-                })
+                let across_m = enough(bin).then(|| bin.iter().map(|(p, _)| p.across_m).collect());
+                let points_m = rope_points(across_m?, shape.reach_m(line.length_m, noise_m));
+                points_m
+                    .filter(|points| points.len() >= MIN_POINTS)
+                    .map(|points_m| Seen {
+                        points_m,
+                        rays: shape.rays(segment, arc_m),
+                    })
             };
             let seen: Vec<Option<Seen>> = bins.iter().enumerate().map(seen).collect();
             circle_centres(&seen, shape.radius_m, noise_m)
