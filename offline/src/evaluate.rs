@@ -57,6 +57,22 @@ pub struct Evaluation {
     pub attempts: Vec<Attempt>,
 }
 
+impl Evaluation {
+    /// Whether it holds what a policy answers to these goals, and to no others.
+    pub fn is_of(&self, policy: &Policy, goals: &[Practice]) -> bool {
+        let answered = |attempt: &Attempt, goal: &Practice| {
+            let release_m = policy.release_point_m(goal.goal_x_m, goal.young_pa, goal.poisson);
+            attempt.goal == *goal && attempt.release_m == release_m
+        };
+        self.attempts.len() == goals.len()
+            && self
+                .attempts
+                .iter()
+                .zip(goals)
+                .all(|(attempt, goal)| answered(attempt, goal))
+    }
+}
+
 /// `goals` goals for each of `ropes` random ropes of the table's ranges, within what each rope reaches.
 pub fn unseen(reach: &ReachTable, ropes: usize, goals: usize, seed: u64) -> Vec<Practice> {
     let mut practice = Vec::with_capacity(ropes * goals);

@@ -111,7 +111,8 @@ pub(crate) mod tests {
         Layer::from_rows(&weights, &[0.05; O]).unwrap()
     }
 
-    fn policy() -> Policy {
+    /// A policy whose goals are spread by so much, m.
+    pub(crate) fn policy(goal_spread_m: f64) -> Policy {
         let network = Network {
             first: layer::<INPUTS, { HIDDEN[0] }>(),
             second: layer::<{ HIDDEN[0] }, { HIDDEN[1] }>(),
@@ -120,7 +121,7 @@ pub(crate) mod tests {
         };
         let scale = |mean, scale| Scale { mean, scale };
         let normaliser = Normaliser {
-            goal_x: scale(0.33, 0.04),
+            goal_x: scale(0.33, goal_spread_m),
             log_young: scale(14.0, 0.8),
             poisson: scale(0.3, 0.05),
             release_x: scale(0.1, 0.03),
@@ -162,7 +163,7 @@ pub(crate) mod tests {
             effects: bounded("effects", &[drag]).unwrap(),
         };
         Box::new(Blob {
-            policy: policy(),
+            policy: policy(0.04),
             ropes: bounded("ropes", &[red]).unwrap(),
             task: SwingTask::PAPER,
             frame: TaskFrame {

@@ -181,13 +181,15 @@ fn a_rope_that_hangs_on_the_table_gets_no_policy() {
     let text = text.replace("length_m = 0.25", "length_m = 0.29");
     std::fs::write(&spec, text).unwrap();
     let out = folder.path().join("run");
-    let (code, said) = refusal(&["run", "--demo", long, "--out", out.to_str().unwrap()]);
-    assert_eq!(code, Some(1), "{said}");
-    assert!(
-        said.contains("a rope of 0.290 m") && said.contains("at most 0.268 m"),
-        "{said}"
-    );
-    assert_eq!(said.lines().count(), 1, "{said}");
+    for command in ["collect", "train", "freeze"] {
+        let (code, said) = refusal(&[command, "--demo", long, "--out", out.to_str().unwrap()]);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(
+            said.contains("a rope of 0.290 m") && said.contains("at most 0.268 m"),
+            "{said}"
+        );
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
 }
 
 #[test]

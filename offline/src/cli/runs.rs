@@ -2,12 +2,14 @@
 
 use super::output::{command_line, note, print};
 use super::progress::Reporter;
-use super::told::{noise_doubt, say_beside, say_estimates, say_identified, say_learned, say_rollouts};
+use super::told::{
+    noise_doubt, other_valley, say_beside, say_estimates, say_identified, say_learned, say_rollouts,
+};
 use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::{Progress, Watch};
-use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile};
+use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile, YOUNG};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
 use offline::model_file::ModelFile;
@@ -33,15 +35,27 @@ const TRUSTED_FLOORS: f64 = 2.0;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Runs all stages up to `last`.
+/// Runs all stages up to `last`. A whole run of a rope that cannot swing stops at its diagnosis, and fails once that is told.
 pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<()> {
     let reporter = Reporter::new();
     set_threads(arguments.threads)?;
     let (demos, held_out, name) = chosen(arguments)?;
     let inputs = Inputs::load(&name, &demos, &held_out)?;
-    if last > Stage::Diagnose {
-        refuse_unswingable(&inputs)?;
-    }
+    let swings = if last > Stage::Diagnose {
+        refuse_unswingable(&inputs)
+    } else {
+        Ok(())
+    };
+    let last = match &swings {
+        Err(no_policy) if last == Stage::Report => {
+            reporter.say(&format!(
+                "warning: there will be a diagnosis, but no policy: {no_policy}"
+            ));
+            Stage::Diagnose
+        }
+        Err(_) => return swings,
+        Ok(()) => last,
+    };
     let also = arguments.also.iter().map(|path| ModelFile::of_run_or_file(path));
     let also: Vec<ModelFile> = also.collect::<anyhow::Result<_>>()?;
     refuse_beside(&name, &also)?;
@@ -94,7 +108,8 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     if wrote {
         record(&summary, dataset, (&job, last))?;
     }
-    tell(&summary, json)
+    tell(&summary, json)?;
+    swings.context("there is a diagnosis, but no policy")
 }
 
 /// What a command works on.
@@ -132,6 +147,7 @@ impl Job<'_> {
                  than their standard errors; `offline diagnose` looks for it",
             );
         }
+        self.warn_of_valleys(&base.fitted);
         self.warn(&base.fitted, base.noise_scale);
         let of = Profiled {
             structure: &Structure::default(),
@@ -196,6 +212,7 @@ impl Job<'_> {
         let identified = identify(&self.inputs, &self.settings, run, &|line| reporter.say(line))?;
         say_identified(&identified, reporter);
         let outcome = &identified.outcome;
+        self.warn_of_valleys(&outcome.base);
         self.warn(&outcome.fitted, outcome.noise_scale);
         let mut summary = self.summary(
             &outcome.verdict.to_string(),
@@ -235,14 +252,19 @@ impl Job<'_> {
                 policy = Some(learned);
             }
         }
-        self.write_tables((&identified, &summary.profiles), policy.as_ref())?;
-        // One that is there tells of the blob before.
-        if last == Stage::Report || last == Stage::Freeze && run.report().exists() {
-            reporter.say("drawing the report");
-            let page = report(self, (&identified, &summary.profiles), policy.as_ref())?;
-            write_whole(&run.report(), page.as_bytes())?;
-            summary.report = Some(run.report().display().to_string());
+        let told = (&identified, summary.profiles.as_slice());
+        // What tells of a policy stays until that is learnt anew.
+        let told_already = policy.is_none() && run.evaluation().exists();
+        if !told_already {
+            self.write_tables(told, policy.as_ref())?;
         }
+        if last >= Stage::Freeze || last == Stage::Diagnose && !told_already {
+            reporter.say("drawing the report");
+            let page = report(self, told, policy.as_ref())?;
+            write_whole(&run.report(), page.as_bytes())?;
+        }
+        let page = Some(run.report()).filter(|page| page.exists());
+        summary.report = page.map(|page| page.display().to_string());
         Ok((summary, dataset))
     }
 
@@ -270,6 +292,13 @@ impl Job<'_> {
         let policy = learned.map(|l| [&l.evaluation, &l.finer]);
         let text = tables(&self.inputs.name, &demos, (&identified.outcome, profiles), policy);
         Ok(write_whole(&self.run.tables(), text.as_bytes())?)
+    }
+
+    fn warn_of_valleys(&self, base: &FitResult) {
+        let best = (base.best.theta[YOUNG], base.cost);
+        if let Some(warning) = other_valley(best, &base.ends) {
+            self.reporter.say(&format!("warning: {warning}"));
+        }
     }
 
     fn warn(&self, fitted: &FitResult, noise_scale: Option<f64>) {
@@ -497,8 +526,9 @@ fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
         "dataset": dataset.map(hex),
         "weights": file(run.weights(), Stage::Train),
         "evaluation": file(run.evaluation(), Stage::Train),
+        "evaluation_finer_grid": file(run.finer_evaluation(), Stage::Train),
         "blob": file(run.blob(), Stage::Freeze),
         "tables": file(run.tables(), Stage::Diagnose),
-        "report": file(run.report(), Stage::Freeze),
+        "report": file(run.report(), Stage::Diagnose),
     })
 }

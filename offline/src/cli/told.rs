@@ -53,6 +53,27 @@ pub(super) fn noise_doubt(scale: f64) -> Option<String> {
     }
 }
 
+/// Young's moduli that differ by more than this share are of two valleys; within one, descents end 1 % apart.
+const OTHER_VALLEY: f64 = 0.05;
+/// How many times the least cost a valley may cost that fits nearly as well.
+const NEARLY_AS_WELL: f64 = 2.0;
+
+/// Where another start of a fit ended, if that is elsewhere and fits nearly as well: what the model still lacks may be what
+/// makes it worse. Given are ln E of the best and its cost, and those of all ends.
+pub(super) fn other_valley((best, least): (f64, f64), ends: &[(f64, f64)]) -> Option<String> {
+    let elsewhere = |&&(ln_young, cost): &&(f64, f64)| {
+        f64::abs(ln_young - best) > OTHER_VALLEY && cost < NEARLY_AS_WELL * least
+    };
+    let &(ln_young, cost) = (ends.iter().filter(elsewhere)).min_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(format!(
+        "starts disagree: one ended at E = {:.3} MPa, where {:.2} times as much is left as at {:.3} MPa, which is used; the \
+         demonstration hardly tells which is right: fit one of another motion as well",
+        1e-6 * ln_young.exp(),
+        (cost / least).sqrt(),
+        1e-6 * best.exp()
+    ))
+}
+
 pub(super) fn say_estimates(estimates: &[Estimate], reporter: &Reporter) {
     for e in estimates {
         reporter.say(&format!("  {}", estimate_line(e)));
@@ -154,6 +175,20 @@ pub(super) fn say_beside(others: &[Beside], reporter: &Reporter) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn another_valley_is_told_where_it_fits_nearly_as_well() {
+        let (best, least) = (f64::ln(0.9e6), 100.0);
+        let told =
+            |young_pa: f64, cost: f64| other_valley((best, least), &[(best, least), (young_pa.ln(), cost)]);
+        assert_eq!(told(0.91e6, 101.0), None, "the same valley");
+        assert_eq!(told(0.5e6, 1000.0), None, "much worse");
+        let words = told(0.5e6, 144.0).unwrap();
+        assert!(
+            words.contains("E = 0.500 MPa, where 1.20 times as much is left as at 0.900 MPa"),
+            "{words}"
+        );
+    }
 
     #[test]
     fn a_noise_that_frames_at_rest_contradict_is_doubted() {

@@ -69,7 +69,7 @@ impl FitFile {
 }
 
 /// What follows from a diagnosis.
-fn followers(run: &RunFolder) -> [PathBuf; 6] {
+fn followers(run: &RunFolder) -> [PathBuf; 7] {
     [
         run.diagnosis(),
         run.profile(),
@@ -77,6 +77,7 @@ fn followers(run: &RunFolder) -> [PathBuf; 6] {
         run.tables(),
         run.report(),
         run.evaluation(),
+        run.finer_evaluation(),
     ]
 }
 
@@ -110,14 +111,15 @@ pub fn refuse_strangers(run: &RunFolder) -> anyhow::Result<()> {
     }
 }
 
-/// Removes what follows from a diagnosis of other data or settings: beside the new files it would pass for theirs. The
-/// policy stays; who reads it is warned that it was frozen from another model.
+/// Removes what follows from a diagnosis of data or settings other than those of `key`: beside the new files it would pass
+/// for theirs. The policy stays; who reads it is warned that it was frozen from another model.
 ///
 /// # Errors
 /// A file cannot be removed.
-pub(super) fn forget_others(run: &RunFolder, progress: &dyn Fn(&str)) -> Result<(), FileError> {
+pub(super) fn forget_others(run: &RunFolder, key: u64, progress: &dyn Fn(&str)) -> Result<(), FileError> {
     for path in followers(run) {
-        if path.exists() {
+        // Intervals say of which fit they are, and take minutes to find anew.
+        if path.exists() && !super::profile::is_of(&path, key) {
             progress(&format!(
                 "{} is of other data or settings: removed",
                 path.display()
@@ -154,7 +156,7 @@ pub fn fit(
         progress("a diagnosis of the same data is there: its files stay as they are");
         return Ok((base, false));
     }
-    forget_others(run, progress)?;
+    forget_others(run, key, progress)?;
     let structure = Structure::default();
     let parameters = base.estimates();
     let model = model(inputs, settings, NOT_DIAGNOSED.into(), (&structure, &parameters));
@@ -187,12 +189,24 @@ mod tests {
         for path in gone.iter().chain(&stay) {
             write_whole(path, b"of other data").unwrap();
         }
-        forget_others(&run, &|_| ()).unwrap();
+        forget_others(&run, 1, &|_| ()).unwrap();
         assert!(
             gone.iter().all(|path| !path.exists()),
             "it would pass for the new data's"
         );
         assert!(stay.iter().all(|path| path.exists()));
+    }
+
+    #[test]
+    fn intervals_of_the_same_data_stay_when_they_are_fitted_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::open(folder.path()).unwrap();
+        let kept = r#"{"key":7,"effects":[],"theta":[],"whole":true,"profiles":[]}"#;
+        for (key, stays) in [(7, true), (8, false)] {
+            write_whole(&run.base_profile(), kept.as_bytes()).unwrap();
+            forget_others(&run, key, &|_| ()).unwrap();
+            assert_eq!(run.base_profile().exists(), stays, "asked for {key}");
+        }
     }
 
     #[test]

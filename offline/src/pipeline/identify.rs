@@ -95,7 +95,7 @@ pub fn identify(
                 outcome.reasons.push(ReasonCode::Underpowered);
             }
             // Not sooner: until the new one is whole, the old one is what there is.
-            super::fit::forget_others(run, progress)?;
+            super::fit::forget_others(run, key, progress)?;
             save(run, key, &outcome, force.as_ref(), &advice)?;
             // Whether or not it can be removed: from here on nobody reads it.
             let _ = std::fs::remove_file(run.memory());

@@ -1,6 +1,7 @@
 //! The second half of a run: rollouts, policy, evaluation, blob.
 
 use super::beside::Beside;
+use super::evaluated::evaluated;
 use super::identify::Identified;
 use super::settings::{Inputs, Preset, RunSettings};
 use crate::collect::{DatasetSummary, Design, Watch, collect_design};
@@ -9,7 +10,7 @@ use crate::freeze::{Frozen, bounded, freeze, short};
 use crate::model::Estimate;
 use crate::model_file::ModelFile;
 use crate::reach::ReachTable;
-use crate::run_files::{RunFolder, write_whole};
+use crate::run_files::{Fnv64, RunFolder};
 use crate::sim::rope::RopeShape;
 use crate::swing::{SimulatedSwing, swingable};
 use crate::train::{Schedule, TrainSettings, train};
@@ -19,6 +20,7 @@ use shared::blob::{Blob, EffectSummary, Provenance, RopeEntry, TaskFrame};
 use shared::policy::{Policy, TrainingRanges};
 use shared::profile::MotionLimits;
 use shared::task::{Interval, SwingTask};
+use std::path::Path;
 
 /// A policy and how good it is.
 pub struct Learned {
@@ -148,10 +150,14 @@ pub fn learn(
     let trained = train(&design, &swing, run, model.swing_hash(), &schedule, watch)?;
     let [ropes, goals] = settings.evaluation;
     let practice = unseen(&trained.reach, ropes, goals, settings.seed);
-    let evaluation = evaluate(&trained.policy, &swing, &practice, watch)?;
-    write_whole(&run.evaluation(), &serde_json::to_vec_pretty(&evaluation)?)?;
-    let finer = evaluate(&trained.policy, &swing.on_finer_grid(), &practice, watch)?;
-    write_whole(&run.finer_evaluation(), &serde_json::to_vec_pretty(&finer)?)?;
+    let judged = |file: &Path, swing: &SimulatedSwing| {
+        let mut hash = Fnv64::default();
+        hash.add(&model.swing_hash().to_le_bytes());
+        hash.add(&swing.resolution.cells.to_le_bytes());
+        evaluated(file, (&trained.policy, &practice), (swing, hash.value()), watch)
+    };
+    let evaluation = judged(&run.evaluation(), &swing)?;
+    let finer = judged(&run.finer_evaluation(), &swing.on_finer_grid())?;
     let (reach_m, _) = reach(
         (&trained.policy, &trained.reach),
         &swing,

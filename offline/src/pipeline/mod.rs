@@ -1,9 +1,11 @@
 //! Everything in order: demonstrations to fit, diagnosis, rollouts, policy, blob and report. Every stage leaves whole files
-//! in the run's folder. What takes long, up to the trained policy, is not made again where it is there for the same data
-//! and settings, so a killed run goes on where it was; what follows is made anew.
+//! in the run's folder. What takes long, up to the policy and its evaluation, is not made again where it is there for the
+//! same data and settings, so a killed run goes on where it was; what follows is made anew.
 
 #[cfg(feature = "train")]
 mod beside;
+#[cfg(feature = "train")]
+mod evaluated;
 mod fit;
 mod identify;
 #[cfg(feature = "train")]

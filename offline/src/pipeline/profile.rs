@@ -88,6 +88,11 @@ pub fn profile(
     Ok(found.profiles)
 }
 
+/// Whether a file holds intervals of the same data and settings.
+pub(super) fn is_of(path: &Path, key: u64) -> bool {
+    kept::<ProfileFile>(path).is_some_and(|file| file.key == key)
+}
+
 impl ProfileFile {
     /// Whether it tells as much of the same fit to the same data.
     fn tells(&self, wanted: &Self) -> bool {
