@@ -27,10 +27,16 @@ pub fn with_error(value: f64, error: f64) -> String {
     format!("{value} ± {error:.digits$}")
 }
 
+/// From here on a number has a power of ten: nobody counts its zeros.
+const COUNTED: f64 = 1e9;
+
 /// A number with three significant digits.
 pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
+    }
+    if value.abs() >= COUNTED {
+        return format!("{value:.2e}");
     }
     let digits = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.digits$}")

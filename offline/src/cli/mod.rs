@@ -80,10 +80,7 @@ enum Command {
     )]
     Freeze(RunArguments),
     /// Move a simulated rope as a measured one was moved, or let it swing, and say what it does.
-    #[command(
-        after_help = "Examples: offline simulate --model runs/sample-rope --demo my-rope/lift-1 --out simulated\n          \
-        offline simulate --young-pa 0.9e6 --effect tip_mass=0.009 --release 0.12 0.2"
-    )]
+    #[command(after_help = simulate::after_help())]
     Simulate(simulate::SimulateArguments),
     /// Verify the simulator against what is known exactly; exit code 1 when a case fails.
     #[command(after_help = "Example: offline verify --random 1000 --out runs/verify")]

@@ -35,7 +35,7 @@ pub struct SimulateArguments {
     /// Poisson's ratio; 0.3 without a model.
     #[arg(long, value_parser = within(POISSON_RANGE), allow_negative_numbers = true)]
     poisson: Option<f64>,
-    /// An effect and its parameters in SI units, as `offline inspect` names them: tip_mass=0.009.
+    /// An effect and its parameters, listed below: tip_mass=0.009.
     #[arg(long, value_name = "ID=VALUE[,VALUE]", num_args = 1.., value_parser = effect)]
     effect: Vec<Effect>,
     /// Demonstration whose rope is moved as it was; the shipped sample rope's by default.
@@ -50,6 +50,23 @@ pub struct SimulateArguments {
     /// Demonstration folder to write, with the simulated rope's points as markers.
     #[arg(long, value_name = "DIR", conflicts_with = "release")]
     out: Option<PathBuf>,
+}
+
+/// Examples, and what the effects' parameters are.
+pub fn after_help() -> String {
+    let mut help = String::from(
+        "Examples: offline simulate --model runs/sample-rope --demo my-rope/lift-1 --out simulated\n          \
+         offline simulate --young-pa 0.9e6 --effect tip_mass=0.009 --release 0.12 0.2\n\n\
+         Effects, their parameters and the ranges of these:",
+    );
+    for spec in effects::ALL {
+        let parameters = spec.parameters.iter();
+        let parameters: Vec<String> = parameters
+            .map(|p| format!("{} {} to {}", p.name, p.low, p.high))
+            .collect();
+        help += &format!("\n  {:<18} {}", spec.id, parameters.join(", "));
+    }
+    help
 }
 
 /// An effect of the registry with its parameters.

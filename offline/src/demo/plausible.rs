@@ -4,6 +4,7 @@ use super::rest::has_moved;
 use super::straight::{straight_markers, straight_start};
 use super::summary::{Frame, distance, fastest, frames, known_s, share_under_table, usual_gap_s};
 use super::{ClampSample, Demo, DemoError, MarkerSample, Observations, RopeEnd, SceneKind, StartState};
+use crate::words::significant;
 use std::path::Path;
 
 /// Stretch and error of arc lengths that a chord may show.
@@ -22,6 +23,8 @@ const LONGEST_S: f64 = 3600.0;
 /// hardly in seconds.
 const SLOWEST_M_S: f64 = 1e-3;
 const SLOWEST_FRAMES_S: f64 = 2.0;
+/// No gripper is faster, m/s: an arm's flange moves at 1 m/s, a hand at a few, a whip's tip at hundreds.
+const FASTEST_M_S: f64 = 30.0;
 /// Share of frames or points from which on nearly all of them break a rule.
 const NEARLY_ALL: f64 = 1.0 - FEW;
 /// Share of frames that may lie outside the time for which a clamp's path is known.
@@ -35,7 +38,11 @@ pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
     let offset = first_s < 0.0 && !moves || first_s > LATEST_BEGIN_S && !demo.spec.is_static();
     if last_s - first_s > LONGEST_S && !demo.spec.is_static() {
         Some([
-            format!("its times go from {first_s} to {last_s} s, which is more than an hour"),
+            format!(
+                "its times go from {} to {} s, which is more than an hour",
+                significant(first_s),
+                significant(last_s)
+            ),
             "give all of them in seconds and by one clock".into(),
         ])
     } else if offset {
@@ -52,10 +59,23 @@ pub fn clock_problem(demo: &Demo) -> Option<[String; 2]> {
 pub(super) fn impossibility(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
     let moves = !demo.spec.is_static();
     clock_problem(demo)
+        .or_else(|| leap(demo).filter(|_| moves))
         .or_else(|| slow_motion(demo, frames).filter(|_| moves))
         .or_else(|| path_ends_early(demo, frames).filter(|_| moves))
         .or_else(|| under_the_table(demo, frames))
         .or_else(|| out_of_reach(demo, frames))
+}
+
+fn leap(demo: &Demo) -> Option<[String; 2]> {
+    // Where an open gripper goes is of no concern.
+    let held =
+        |path: &Vec<ClampSample>| fastest(path.split(|sample| !sample.closed).next().unwrap_or_default());
+    let speeds = demo.clamps.iter().map(held);
+    let (index, fastest_m_s) = speeds.enumerate().find(|(_, speed)| *speed > FASTEST_M_S)?;
+    Some([
+        format!("clamp {index} moves at up to {} m/s", significant(fastest_m_s)),
+        "give its path in metres and its times in seconds, without leaps".into(),
+    ])
 }
 
 fn slow_motion(demo: &Demo, frames: &[Frame<'_>]) -> Option<[String; 2]> {
@@ -397,6 +417,8 @@ mod tests {
             demo.clamps[0].iter_mut().for_each(|sample| sample.t_s *= 1e3);
         };
         refused(slower, "s apart and its clamp moves at");
+        let leaps = |demo: &mut Demo| demo.clamps[0][50].position_m[0] += 1.0;
+        refused(leaps, "clamp 0 moves at up to");
         let cut = |demo: &mut Demo| demo.clamps[0].truncate(49);
         refused(cut, "the path of clamp 0 is known");
         let high = |demo: &mut Demo| demo.spec.table.as_mut().unwrap().height_m = 7.5;

@@ -32,11 +32,18 @@ impl Demo {
         let fresh = beside.path().join("new");
         std::fs::create_dir(&fresh).map_err(|e| DemoError::unwritten(&fresh, "creating", &e))?;
         self.write_files(&fresh)?;
-        if dir.exists() {
-            let old = beside.path().join("old");
-            std::fs::rename(dir, old).map_err(|e| DemoError::unwritten(dir, "moving away", &e))?;
+        let old = beside.path().join("old");
+        let replaces = dir.exists();
+        if replaces {
+            std::fs::rename(dir, &old).map_err(|e| DemoError::unwritten(dir, "moving away", &e))?;
         }
-        std::fs::rename(&fresh, dir).map_err(|e| DemoError::unwritten(dir, "moving into place", &e))
+        std::fs::rename(&fresh, dir).map_err(|e| {
+            if replaces && std::fs::rename(&old, dir).is_err() {
+                // It would go with the folder that holds it.
+                let _ = beside.keep();
+            }
+            DemoError::unwritten(dir, "moving into place", &e)
+        })
     }
 
     fn write_files(&self, dir: &Path) -> Result<(), DemoError> {

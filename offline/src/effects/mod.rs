@@ -93,13 +93,6 @@ pub enum Slope {
     Secant,
 }
 
-impl ParameterSpec {
-    /// Whether only one side of the vanishing value is physical.
-    pub fn one_sided(&self) -> bool {
-        self.low >= self.vanishes_at || self.high <= self.vanishes_at
-    }
-}
-
 /// What an effect is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectSpec {

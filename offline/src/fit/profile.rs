@@ -7,6 +7,7 @@ use super::descent::{Descent, FitResult, held_by, not_told};
 use super::problem::{Evaluation, FitError, Problem};
 use super::uncertainty::Information;
 use crate::model::{Estimate, ParameterInfo, Structure};
+use crate::words::{significant, with_unit};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -113,9 +114,7 @@ impl Profile {
 
 impl std::fmt::Display for Profile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let unit = if self.unit == "1" { "" } else { &self.unit };
-        let number = |end| format!("{end:.4e} {unit}").trim_end().to_owned();
-        f.write_str(&self.in_words(number))
+        f.write_str(&self.in_words(|end| with_unit(&significant(end), &self.unit)))
     }
 }
 
@@ -290,11 +289,8 @@ mod tests {
             better_elsewhere,
         };
         let [low, high] = [Some(1.1e6), Some(1.4e6)];
-        assert_eq!(
-            profile(low, high, false).to_string(),
-            "1.1000e6 Pa to 1.4000e6 Pa"
-        );
-        assert_eq!(profile(low, None, false).to_string(), "above 1.1000e6 Pa");
+        assert_eq!(profile(low, high, false).to_string(), "1100000 Pa to 1400000 Pa");
+        assert_eq!(profile(low, None, false).to_string(), "above 1100000 Pa");
         assert_eq!(profile(None, None, false).to_string(), "no end found");
         let in_mpa = |end: f64| format!("{:.1}", 1e-6 * end);
         assert_eq!(

@@ -117,7 +117,10 @@ fn ranking(round: &Round) -> Markup {
                     td { (one_step(score)) }
                     td.n { (format!("{:.0} %", 100.0 * score.absorbed_share)) }
                     td { @match &score.nearest_rival {
-                        Some(rival) => (format!("{} ({:+.2})", effect_title(rival), score.rival_cosine)),
+                        Some(rival) => {
+                            (format!("{} ({:+.2})", effect_title(rival), score.rival_cosine))
+                            @if let Some(also) = others_alike(score, rival) { span.quiet { " also " (also) } }
+                        },
                         None => span.quiet { "none" },
                     } }
                     td { (brief(round, score)) }
@@ -148,9 +151,18 @@ fn ranking(round: &Round) -> Markup {
             "order. Threshold: in 95 % of pseudo-data that hold noise and the error of the grid ("
             (format!("{:.2}", round.table.discretisation_mm)) " mm) but no effect, no effect’s score exceeds its own. "
             "One-step estimate: where one linear step ends; a step too far may end where nothing is physical. "
-            "Absorbed: share of the effect’s trace that the model’s parameters and a shifted camera can imitate."
+            "Absorbed: share of the effect’s trace that the model’s parameters and a shifted camera can imitate. "
+            "Nearest rival: the effect whose trace, after that, is most alike; “also” names others that these data hardly "
+            "tell apart from it."
         }
     }
+}
+
+/// The other members of an effect's family.
+fn others_alike(score: &Score, rival: &str) -> Option<String> {
+    let others = score.family.iter().filter(|id| *id != rival);
+    let titles: Vec<String> = others.map(|id| effect_title(id).to_string()).collect();
+    (!titles.is_empty()).then(|| titles.join(", "))
 }
 
 /// The effects that would explain the residual together, where any was refitted so.

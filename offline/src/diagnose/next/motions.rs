@@ -52,12 +52,24 @@ const FALL_S: f64 = 0.15;
 /// Known mass that is added, as a share of the rope's.
 const ADDED_SHARE: f64 = 0.25;
 
-/// The motions that can be made in place of a recorded one.
+/// The motions that can be made in place of a recorded one, which is slowed down where the arm cannot move as fast.
 ///
 /// # Errors
 /// No other motion can be made of this recording; says why.
 pub fn family(demo: &Demo, places: Places) -> Result<Vec<Candidate>, &'static str> {
-    let recording = Recording::new(demo, places)?;
+    let recorded = Recording::new(demo, places)?;
+    let slower = recorded.peak_m_s / FASTEST_M_S;
+    let slowed = recorded.replay(slower, 1.0, 0.0);
+    let recording = if slower > 1.0 {
+        let name = format!("{} at {:.1} times its speed", recorded.name, 1.0 / slower);
+        Recording {
+            name,
+            slowed: true,
+            ..Recording::new(&slowed, places)?
+        }
+    } else {
+        recorded
+    };
     let mut found = recording.timings();
     found.extend(recording.holds());
     found.extend(recording.endings());
@@ -70,7 +82,9 @@ struct Recording<'a> {
     demo: &'a Demo,
     places: Places<'a>,
     /// What people call the motion.
-    name: &'static str,
+    name: String,
+    /// Whether it is slower than the recorded one.
+    slowed: bool,
     /// Until when nothing moves, s.
     rest_s: f64,
     /// When the last motion of a closed clamp has ended, s.
@@ -138,7 +152,8 @@ impl<'a> Recording<'a> {
         Ok(Self {
             demo,
             places,
-            name,
+            name: name.into(),
+            slowed: false,
             rest_s,
             still_s,
             opens_s,
@@ -155,13 +170,13 @@ impl<'a> Recording<'a> {
 
     /// The same motion, as it was, slower and faster.
     fn timings(&self) -> Vec<Candidate> {
-        let name = self.name;
-        let as_it_was = format!("repeat the {name} as it was");
-        let mut found = vec![self.candidate("repeat", as_it_was, self.replay(1.0, 1.0, 0.0))];
+        let name = &self.name;
+        let words = format!("repeat the {name}{}", if self.slowed { "" } else { " as it was" });
+        let mut found = vec![self.candidate("repeat", words, self.replay(1.0, 1.0, 0.0))];
         let faster = SPEED_FACTOR.min(FASTEST_M_S / self.peak_m_s);
         let speeds = [("slower", 1.0 / SPEED_FACTOR), ("faster", faster)];
         for (id, factor) in speeds {
-            if factor > 1.0 && factor < LEAST_FACTOR {
+            if id == "faster" && factor < LEAST_FACTOR {
                 continue;
             }
             let times = match factor {
@@ -180,7 +195,7 @@ impl<'a> Recording<'a> {
 
     /// Poses held still.
     fn holds(&self) -> Vec<Candidate> {
-        let name = self.name;
+        let name = &self.name;
         let top = format!("repeat the {name} and hold still at its end, seen for {HOLD_S} s more");
         let low = format!("make the {name} only half as far and hold still there, seen for {HOLD_S} s");
         vec![
@@ -191,7 +206,7 @@ impl<'a> Recording<'a> {
 
     /// Other ends of the motion: the rope rings, or is let go.
     fn endings(&self) -> Vec<Candidate> {
-        let name = self.name;
+        let name = &self.name;
         let words = format!(
             "repeat the {name}, wait, jerk the gripper {:.0} mm sideways and watch the rope ring for {RINGING_S} s",
             1e3 * STROKE_M
@@ -214,7 +229,7 @@ impl<'a> Recording<'a> {
 
     /// The same motion with the rig or the rope set up in another way.
     fn set_ups(&self) -> Vec<Candidate> {
-        let name = self.name;
+        let name = &self.name;
         let plain = || self.replay(1.0, 1.0, 0.0);
         let mut found = Vec::new();
         for (id, degrees) in [("turned", 180.0f64), ("turned_quarter", 90.0)] {
@@ -454,6 +469,17 @@ mod tests {
         motion.demo(&unseen, 0.001, 1)
     }
 
+    /// The lift as if a hand had made it, at 1.5 m/s.
+    fn hurled() -> Demo {
+        let lift = lift();
+        let places = Places {
+            arcs_m: &[0.05],
+            first_m: &[[0.05, 0.0, 0.007]],
+        };
+        let recording = Recording::new(&lift, places).unwrap();
+        recording.replay(recording.peak_m_s / 1.5, 1.0, 0.0)
+    }
+
     fn family_of(demo: &Demo) -> Vec<Candidate> {
         let arcs_m = [0.05, 0.15, 0.25];
         let first_m = arcs_m.map(|s| [s, 0.0, 0.007]);
@@ -475,7 +501,7 @@ mod tests {
     /// Every motion can be simulated, is within what the arm does, and is told apart by name.
     #[test]
     fn every_motion_can_be_made() {
-        for demo in [lift(), thrown()] {
+        for demo in [lift(), thrown(), hurled()] {
             let found = family_of(&demo);
             let mut names: Vec<&str> = found.iter().map(|c| c.id).collect();
             names.sort_unstable();
@@ -493,6 +519,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What was "faster" once stood for 0.6 times the speed.
+    #[test]
+    fn what_the_arm_cannot_repeat_is_slowed_down() {
+        let demo = hurled();
+        assert!((speed(&demo) - 1.5).abs() < 1e-9);
+        let found = family_of(&demo);
+        assert!(found.iter().all(|c| c.id != "faster"));
+        let repeat = &found.iter().find(|c| c.id == "repeat").unwrap();
+        assert!((speed(&repeat.demo) - FASTEST_M_S).abs() < 1e-9);
+        assert_eq!(repeat.words, "repeat the lift at 0.6 times its speed");
     }
 
     #[test]
