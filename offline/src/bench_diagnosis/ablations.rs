@@ -37,14 +37,13 @@ fn whole<'a>(mine: &[&'a Answer], without: &Answer) -> Option<&'a Answer> {
 
 fn wrongly_named(pairs: &[[&Answer; 2]], words: &str) -> Line {
     let [with, without] = [0, 1].map(|k| Rate::of(pairs.iter().map(|pair| names_strange(pair[k]))));
+    let apart = (with.wilson().zip(without.wilson())).map(|(a, b)| [b[0] > a[1], b[1] < a[0]]);
     Line {
         what: format!("a wrong effect named without {words}"),
         target: Some(format!("visibly more than with it, {} of {}", with.hits, with.of)),
         figure: Figure::Rate(without),
-        met: match (with.wilson(), without.wilson()) {
-            (Some(a), Some(b)) => Some(b[0] > a[1]),
-            _ => None,
-        },
+        met: apart.map(|[more, _]| more),
+        sure: apart.is_some_and(|[more, fewer]| more || fewer),
     }
 }
 
@@ -69,6 +68,7 @@ fn wrongly_scored(pairs: &[[&Answer; 2]], words: &str) -> Line {
         )),
         figure: Figure::Rate(more),
         met: more.wilson().map(|[low, _]| low > 0.5),
+        sure: more.wilson().is_some_and(|[low, high]| low > 0.5 || high < 0.5),
     }
 }
 

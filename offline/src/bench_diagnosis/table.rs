@@ -30,10 +30,12 @@ pub fn text(tallies: &[Tally]) -> String {
 
 fn lines(out: &mut String, lines: &[Line]) {
     for line in lines {
-        let met = match line.met {
-            None => "not measured",
-            Some(true) => "met",
-            Some(false) => "missed",
+        let met = match (line.met, line.sure) {
+            (None, _) => "not measured",
+            (Some(true), true) => "met",
+            (Some(false), true) => "missed",
+            (Some(true), false) => "met by these, too few to tell",
+            (Some(false), false) => "missed by these, too few to tell",
         };
         let judged = match &line.target {
             None => "counted".into(),
@@ -82,8 +84,12 @@ mod tests {
                 .to_owned()
         };
         assert!(line("no effect").contains("100.0 % (20.7 to 100.0, 1 of 1)"));
-        assert!(line("no effect").ends_with("target at most 5 %: missed"));
-        assert!(line("single effect, 2").ends_with(": met"));
+        assert!(
+            line("no effect").ends_with("target at most 5 %: missed"),
+            "20.7 % are too many as well"
+        );
+        assert!(line("single effect, 2").ends_with(": met by these, too few to tell"));
+        assert!(line("effect's value").ends_with(": met"));
         assert!(line("the proposed").ends_with(": not measured"));
         assert!(line("tip_mass").ends_with("tip_mass 1"));
     }

@@ -25,6 +25,9 @@ pub struct Line {
     pub figure: Figure,
     /// Whether it is as promised; none where nothing was measured.
     pub met: Option<bool>,
+    /// Whether so many answers tell it: both ends of a rate's interval would be judged alike.
+    #[serde(default)]
+    pub sure: bool,
 }
 
 /// A measured figure.
@@ -143,7 +146,8 @@ fn rate(what: &str, target: &str, rate: Rate, met: impl Fn(f64) -> bool) -> Line
         what: what.into(),
         target: Some(target.into()),
         figure: Figure::Rate(rate),
-        met: rate.share().map(met),
+        met: rate.share().map(&met),
+        sure: rate.wilson().is_some_and(|[low, high]| met(low) == met(high)),
     }
 }
 
@@ -155,6 +159,7 @@ fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool)
         target: Some(target.into()),
         figure: Figure::Number(middle, count),
         met: middle.map(met),
+        sure: true,
     }
 }
 
@@ -164,6 +169,7 @@ fn count(what: &str, count: usize) -> Line {
         target: None,
         figure: Figure::Count(count),
         met: None,
+        sure: true,
     }
 }
 
@@ -250,6 +256,7 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
             target: Some("at most 1.5".into()),
             figure: Figure::Number(mean, sizes.len()),
             met: mean.map(|m| m <= 1.5),
+            sure: true,
         },
         number(
             "effect's value, median error",
