@@ -89,7 +89,7 @@ mod tests {
             "20.7 % are too many as well"
         );
         assert!(line("single effect, 2").ends_with(": met by these, too few to tell"));
-        assert!(line("effect's value").ends_with(": met"));
+        assert!(line("mean size").ends_with("at most 1.5: met"));
         assert!(line("the proposed").ends_with(": not measured"));
         assert!(line("tip_mass").ends_with("tip_mass 1"));
     }
