@@ -41,21 +41,12 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     set_threads(arguments.threads)?;
     let (demos, held_out, name) = chosen(arguments)?;
     let inputs = Inputs::load(&name, &demos, &held_out)?;
-    let swings = if last > Stage::Diagnose {
-        refuse_unswingable(&inputs)
-    } else {
-        Ok(())
-    };
-    let last = match &swings {
-        Err(no_policy) if last == Stage::Report => {
-            reporter.say(&format!(
-                "warning: there will be a diagnosis, but no policy: {no_policy}"
-            ));
-            Stage::Diagnose
-        }
-        Err(_) => return swings,
-        Ok(()) => last,
-    };
+    let (last, no_policy) = allowed(&inputs, last)?;
+    if let Some(why) = &no_policy {
+        reporter.say(&format!(
+            "warning: there will be a diagnosis, but no policy: {why}"
+        ));
+    }
     let also = arguments.also.iter().map(|path| ModelFile::of_run_or_file(path));
     let also: Vec<ModelFile> = also.collect::<anyhow::Result<_>>()?;
     refuse_beside(&name, &also)?;
@@ -65,14 +56,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
             reporter.say(&format!("warning: {warning}"));
         }
     }
-    for warning in inputs.differences() {
-        reporter.say(&format!("warning: {warning}"));
-    }
-    for demo in inputs.demos.iter().chain(&inputs.held_out) {
-        for warning in offline::demo::warnings(demo) {
-            reporter.say(&format!("warning: {}: {warning}", demo.name));
-        }
-    }
+    warn_of_recordings(&inputs, &reporter);
     let settings = RunSettings::of(arguments.preset, arguments.seed);
     let out = arguments
         .out
@@ -109,7 +93,33 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
         record(&summary, dataset, (&job, last))?;
     }
     tell(&summary, json)?;
-    swings.context("there is a diagnosis, but no policy")
+    match no_policy {
+        Some(why) => Err(why.context("there is a diagnosis, but no policy")),
+        None => Ok(()),
+    }
+}
+
+/// The last of the stages up to `last` that this rope allows, and why that is not `last`: of a rope that cannot swing a whole
+/// run ends with the diagnosis.
+fn allowed(inputs: &Inputs, last: Stage) -> anyhow::Result<(Stage, Option<anyhow::Error>)> {
+    if last <= Stage::Diagnose {
+        return Ok((last, None));
+    }
+    match refuse_unswingable(inputs) {
+        Err(why) if last == Stage::Report => Ok((Stage::Diagnose, Some(why))),
+        swings => swings.map(|()| (last, None)),
+    }
+}
+
+fn warn_of_recordings(inputs: &Inputs, reporter: &Reporter) {
+    for warning in inputs.differences() {
+        reporter.say(&format!("warning: {warning}"));
+    }
+    for demo in inputs.demos.iter().chain(&inputs.held_out) {
+        for warning in offline::demo::warnings(demo) {
+            reporter.say(&format!("warning: {}: {warning}", demo.name));
+        }
+    }
 }
 
 /// What a command works on.
