@@ -181,6 +181,21 @@ fn a_rope_that_hangs_on_the_table_gets_no_policy() {
     let text = text.replace("length_m = 0.25", "length_m = 0.29");
     std::fs::write(&spec, text).unwrap();
     let out = folder.path().join("run");
+    // A whole run tells what it can, of a rope that is as long as it is said to be.
+    let played = folder.path().join("played");
+    let played = played.to_str().unwrap();
+    let (code, said) = refusal(&["simulate", "--young-pa", "9e5", "--demo", long, "--out", played]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = refusal(&["run", "--demo", played, "--out", out.to_str().unwrap()]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.lines()
+            .last()
+            .unwrap()
+            .contains("there is a diagnosis, but no policy: a rope of 0.290 m")
+    );
+    assert!(out.join("report.html").exists() && !out.join("policy.blob").exists());
+    let out = folder.path().join("other");
     for command in ["collect", "train", "freeze"] {
         let (code, said) = refusal(&[command, "--demo", long, "--out", out.to_str().unwrap()]);
         assert_eq!(code, Some(1), "{said}");
