@@ -301,23 +301,20 @@ fn centres(
             }
         }
     }
-    let enough = |bin: &Vec<_>| bin.len() >= MIN_POINTS;
     match shape.section {
         Section::Filled => {
-            let centre = |bin| enough(bin).then(|| filled_centre(bin, noise_m));
+            let centre = |bin: &Vec<_>| (bin.len() >= MIN_POINTS).then(|| filled_centre(bin, noise_m));
             bins.iter().map(centre).collect()
         }
         Section::Surface => {
             let seen = |(station, bin): (usize, &Vec<(Projected, f64)>)| {
                 let (segment, arc_m) = middle(station, line, segments);
-                let across_m = enough(bin).then(|| bin.iter().map(|(p, _)| p.across_m).collect());
-                let points_m = rope_points(across_m?, shape.reach_m(line.length_m, noise_m));
-                points_m
-                    .filter(|points| points.len() >= MIN_POINTS)
-                    .map(|points_m| Seen {
-                        points_m,
-                        rays: shape.rays(segment, arc_m),
-                    })
+                let across_m = bin.iter().map(|(p, _)| p.across_m).collect();
+                let points_m = rope_points(across_m, shape.reach_m(line.length_m, noise_m))?;
+                (points_m.len() >= MIN_POINTS).then(|| Seen {
+                    points_m,
+                    rays: shape.rays(segment, arc_m),
+                })
             };
             let seen: Vec<Option<Seen>> = bins.iter().enumerate().map(seen).collect();
             circle_centres(&seen, shape.radius_m, noise_m)

@@ -182,15 +182,13 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
         for axis in axes {
             let seen: Vec<(f64, f64)> = (0..frames).filter_map(|frame| place(&at, axis, frame)).collect();
             if seen.len() == frames {
-                let per_metre = seen.iter().map(|(_, sigma_m)| scale / sigma_m);
+                let per_metre: Vec<f64> = seen.iter().map(|(_, sigma_m)| scale / sigma_m).collect();
+                let places = seen.iter().zip(&per_metre).map(|((place_m, _), w)| place_m * w);
                 found.push(Series {
                     station,
                     direction: axis.direction,
-                    places: (seen.iter())
-                        .zip(per_metre.clone())
-                        .map(|((place_m, _), w)| place_m * w)
-                        .collect(),
-                    per_metre: per_metre.collect(),
+                    places: places.collect(),
+                    per_metre,
                 });
             }
         }

@@ -79,8 +79,7 @@ mod tests {
 
     #[test]
     fn a_section_in_which_the_rope_is_hidden_tells_nothing() {
-        let background = section(60).split_off(0);
-        let hidden: Vec<_> = background
+        let hidden: Vec<_> = section(60)
             .into_iter()
             .filter(|point| (point - Vector2::new(0.06, 0.0)).norm() > 0.012)
             .collect();

@@ -160,9 +160,8 @@ fn ranking(round: &Round) -> Markup {
 
 /// The other members of an effect's family.
 fn others_alike(score: &Score, rival: &str) -> Option<String> {
-    let others = score.family.iter().filter(|id| *id != rival);
-    let titles: Vec<String> = others.map(|id| effect_title(id).to_string()).collect();
-    (!titles.is_empty()).then(|| titles.join(", "))
+    let others: Vec<String> = score.family.iter().filter(|id| *id != rival).cloned().collect();
+    (!others.is_empty()).then(|| titles(&others))
 }
 
 /// The effects that would explain the residual together, where any was refitted so.
