@@ -8,14 +8,14 @@ use shared::arm::{
 };
 use shared::blob::TaskFrame;
 use shared::ik::{self, IkError};
-use shared::profile::{LineProfile, MINIMUM_JERK_PEAKS as PEAKS, MotionLimits, minimum_jerk};
+use shared::profile::{LineProfile, MINIMUM_JERK_PEAKS as PEAKS, MinimumJerk, MotionLimits};
 
 /// Minimum-jerk motion of all joints from rest to rest in one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointMove {
     from_rad: Joints,
     to_rad: Joints,
-    duration_s: f64,
+    law: MinimumJerk,
 }
 
 impl JointMove {
@@ -25,24 +25,19 @@ impl JointMove {
         for i in 0..JOINTS {
             farthest = farthest.max((to_rad[i] - from_rad[i]).abs());
         }
-        let speed = HOMING_SHARE[0] * SPEED_MAX_RAD_S;
-        let acceleration = HOMING_SHARE[1] * ACCELERATION_MAX_RAD_S2;
-        let jerk = HOMING_SHARE[2] * JERK_MAX_RAD_S3;
+        let limits = [SPEED_MAX_RAD_S, ACCELERATION_MAX_RAD_S2, JERK_MAX_RAD_S3];
+        let limits = std::array::from_fn(|order| HOMING_SHARE[order] * limits[order]);
         let by_flange = PEAKS[0] * steepest_flange_m(&from_rad, &to_rad) / HOMING_FLANGE_SPEED_M_S;
-        let duration_s = (PEAKS[0] * farthest / speed)
-            .max((PEAKS[1] * farthest / acceleration).sqrt())
-            .max((PEAKS[2] * farthest / jerk).cbrt())
-            .max(by_flange);
         Self {
             from_rad,
             to_rad,
-            duration_s,
+            law: MinimumJerk::within(farthest, limits).lasting(by_flange),
         }
     }
 
     /// Time from rest to rest, s.
     pub fn duration_s(&self) -> f64 {
-        self.duration_s
+        self.law.duration_s()
     }
 
     /// Lowest height of the flange on the way, m.
@@ -53,25 +48,16 @@ impl JointMove {
 
     /// Joint angles at time `t_s` after the start, rad.
     pub fn joints_rad(&self, t_s: f64) -> Joints {
-        let s = self.share(t_s);
+        let s = self.law.share(t_s);
         std::array::from_fn(|i| self.from_rad[i] + s * (self.to_rad[i] - self.from_rad[i]))
     }
 
-    /// What is left of the motion after `t_s`, from rest to rest, as [`LineProfile::left_after`] has it.
+    /// What is left of the motion after `t_s`, as [`MinimumJerk::left_after`] has it.
     pub fn left_after(&self, t_s: f64) -> Self {
         Self {
             from_rad: self.joints_rad(t_s),
-            to_rad: self.to_rad,
-            duration_s: self.duration_s * (1.0 - self.share(t_s)).cbrt(),
-        }
-    }
-
-    /// Share of the way at time `t_s`.
-    fn share(&self, t_s: f64) -> f64 {
-        if self.duration_s > 0.0 {
-            minimum_jerk((t_s / self.duration_s).clamp(0.0, 1.0))
-        } else {
-            1.0
+            law: self.law.left_after(t_s),
+            ..*self
         }
     }
 }

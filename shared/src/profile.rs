@@ -25,71 +25,63 @@ impl MotionLimits {
 
 /// Share of the way from rest to rest at the share `u` of the time: the minimum-jerk polynomial 10u³ − 15u⁴ + 6u⁵ (Flash
 /// and Hogan 1985).
-pub fn minimum_jerk(u: f64) -> f64 {
+fn minimum_jerk(u: f64) -> f64 {
     u * u * u * (10.0 + u * (6.0 * u - 15.0))
 }
 
 /// Peaks of that polynomial's derivatives: speed 15/8, acceleration 10/√3, jerk 60.
 pub const MINIMUM_JERK_PEAKS: [f64; 3] = [1.875, 5.773502691896258, 60.0];
 
-/// Rest-to-rest motion along a straight line by [`minimum_jerk`], slow enough for the given limits.
+/// The time law of a motion from rest to rest by [`minimum_jerk`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineProfile {
-    from_m: [f64; 3],
-    to_m: [f64; 3],
+pub struct MinimumJerk {
     duration_s: f64,
 }
 
-impl LineProfile {
-    /// The fastest profile from `from_m` to `to_m` whose peaks stay within `limits`. Over a distance D and a duration T they
-    /// are those of the polynomial times D/T, D/T² and D/T³.
-    pub fn new(from_m: [f64; 3], to_m: [f64; 3], limits: &MotionLimits) -> Self {
-        let mut square = 0.0;
-        for k in 0..3 {
-            square += (to_m[k] - from_m[k]) * (to_m[k] - from_m[k]);
-        }
-        let distance = libm::sqrt(square);
-        let [speed, acceleration, jerk] = MINIMUM_JERK_PEAKS.map(|peak| peak * distance);
-        let by_speed = speed / limits.speed_m_s;
-        let by_acceleration = libm::sqrt(acceleration / limits.acceleration_m_s2);
-        let by_jerk = libm::cbrt(jerk / limits.jerk_m_s3);
+impl MinimumJerk {
+    /// The fastest over a way of a length whose peaks of speed, acceleration and jerk stay within `limits`, in the length's
+    /// unit and seconds. Over a length D and a duration T they are those of the polynomial times D/T, D/T² and D/T³.
+    pub fn within(length: f64, limits: [f64; 3]) -> Self {
+        let [speed, acceleration, jerk] = MINIMUM_JERK_PEAKS.map(|peak| peak * length);
+        let by_acceleration = libm::sqrt(acceleration / limits[1]);
+        let by_jerk = libm::cbrt(jerk / limits[2]);
         Self {
-            from_m,
-            to_m,
-            duration_s: by_speed.max(by_acceleration).max(by_jerk),
+            duration_s: (speed / limits[0]).max(by_acceleration).max(by_jerk),
         }
     }
 
-    /// Time from rest to rest, s; zero when start and end are the same point.
+    /// The same, or slower where it would take less than `duration_s`.
+    pub fn lasting(self, duration_s: f64) -> Self {
+        Self {
+            duration_s: self.duration_s.max(duration_s),
+        }
+    }
+
+    /// Time from rest to rest, s; zero where there is no way to go.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
-    /// What is left of the line after `t_s`, from rest to rest. In the cube root of the share of the way that is left, no
-    /// derivative peaks higher than before, at any place of it.
-    pub fn left_after(&self, t_s: f64) -> Self {
-        let left = 1.0 - minimum_jerk(self.phase(t_s));
-        Self {
-            from_m: self.position_m(t_s),
-            to_m: self.to_m,
-            duration_s: self.duration_s * libm::cbrt(left),
-        }
+    /// Share of the way at time `t_s` after the start: 0 before the motion, 1 after it.
+    pub fn share(&self, t_s: f64) -> f64 {
+        minimum_jerk(self.phase(t_s))
     }
 
-    /// Position at time `t_s` after the start, m; the end points outside the motion.
-    pub fn position_m(&self, t_s: f64) -> [f64; 3] {
-        let s = minimum_jerk(self.phase(t_s));
-        core::array::from_fn(|k| self.from_m[k] + s * (self.to_m[k] - self.from_m[k]))
-    }
-
-    /// Velocity at time `t_s`, m/s; zero outside the motion.
-    pub fn velocity_m_s(&self, t_s: f64) -> [f64; 3] {
+    /// Derivative of the share, 1/s; zero outside the motion.
+    pub fn rate_per_s(&self, t_s: f64) -> f64 {
         if self.duration_s <= 0.0 {
-            return [0.0; 3];
+            return 0.0;
         }
         let u = self.phase(t_s);
-        let rate = 30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s;
-        core::array::from_fn(|k| rate * (self.to_m[k] - self.from_m[k]))
+        30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s
+    }
+
+    /// The law of what is left of the way after `t_s`, from rest to rest. In the cube root of the share that is left, no
+    /// derivative peaks higher than before, at any place of the way.
+    pub fn left_after(&self, t_s: f64) -> Self {
+        Self {
+            duration_s: self.duration_s * libm::cbrt(1.0 - self.share(t_s)),
+        }
     }
 
     fn phase(&self, t_s: f64) -> f64 {
@@ -98,6 +90,56 @@ impl LineProfile {
         } else {
             (t_s / self.duration_s).clamp(0.0, 1.0)
         }
+    }
+}
+
+/// Motion from rest to rest along a straight line by [`MinimumJerk`], slow enough for the given limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineProfile {
+    from_m: [f64; 3],
+    to_m: [f64; 3],
+    law: MinimumJerk,
+}
+
+impl LineProfile {
+    /// The fastest profile from `from_m` to `to_m` whose peaks stay within `limits`.
+    pub fn new(from_m: [f64; 3], to_m: [f64; 3], limits: &MotionLimits) -> Self {
+        let mut square = 0.0;
+        for k in 0..3 {
+            square += (to_m[k] - from_m[k]) * (to_m[k] - from_m[k]);
+        }
+        let peaks = [limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3];
+        Self {
+            from_m,
+            to_m,
+            law: MinimumJerk::within(libm::sqrt(square), peaks),
+        }
+    }
+
+    /// Time from rest to rest, s; zero when start and end are the same point.
+    pub fn duration_s(&self) -> f64 {
+        self.law.duration_s()
+    }
+
+    /// What is left of the line after `t_s`, as [`MinimumJerk::left_after`] has it.
+    pub fn left_after(&self, t_s: f64) -> Self {
+        Self {
+            from_m: self.position_m(t_s),
+            law: self.law.left_after(t_s),
+            ..*self
+        }
+    }
+
+    /// Position at time `t_s` after the start, m; the end points outside the motion.
+    pub fn position_m(&self, t_s: f64) -> [f64; 3] {
+        let s = self.law.share(t_s);
+        core::array::from_fn(|k| self.from_m[k] + s * (self.to_m[k] - self.from_m[k]))
+    }
+
+    /// Velocity at time `t_s`, m/s; zero outside the motion.
+    pub fn velocity_m_s(&self, t_s: f64) -> [f64; 3] {
+        let rate = self.law.rate_per_s(t_s);
+        core::array::from_fn(|k| rate * (self.to_m[k] - self.from_m[k]))
     }
 }
 
