@@ -17,6 +17,7 @@ fn noisy(seed: u64) -> Cell {
         quick: true,
         seeds: 1,
         first_seed: seed,
+        alone: false,
     };
     Cell {
         noise_mm: 10.0,
@@ -37,6 +38,7 @@ fn a_whole_name_chooses_its_cell_alone_and_a_part_all_that_contain_it() {
         quick: true,
         seeds: 1,
         first_seed: 15,
+        alone: false,
     };
     let names = |only: &str| {
         let cells = chosen(matrix(&Rod.repertoire(), &extent), &[only.to_owned()]);

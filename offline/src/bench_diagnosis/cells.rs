@@ -23,6 +23,9 @@ pub struct Cell {
     pub hidden: bool,
     /// What is left out of the method.
     pub without: Option<Part>,
+    /// Whether no other recording judges what is fitted, but its own last part.
+    #[serde(default)]
+    pub alone: bool,
 }
 
 /// What kind of question a cell asks.
@@ -50,6 +53,9 @@ impl Cell {
             Some(Part::Whitening) => name += "-no-whitening",
             Some(Part::Nuisances) => name += "-no-nuisances",
             Some(Part::Refinement) => name += "-no-refinement",
+        }
+        if self.alone {
+            name += "-alone";
         }
         name
     }
@@ -113,6 +119,8 @@ pub struct Extent {
     /// First seed: figures that are quoted come from other seeds than those that were looked at while the
     /// diagnosis was worked on.
     pub first_seed: u64,
+    /// As [`Cell::alone`] has it.
+    pub alone: bool,
 }
 
 /// The matrix of one reality, in an order in which every beginning of it is a fair sample: seed by seed,
@@ -130,6 +138,7 @@ pub fn matrix(plays: &Repertoire, extent: &Extent) -> Vec<Cell> {
                 seed,
                 hidden: false,
                 without: None,
+                alone: extent.alone,
             };
             cells.extend(of_seed(plays, extent, &empty));
         }
@@ -184,6 +193,7 @@ mod tests {
             quick,
             seeds: 2,
             first_seed: 1,
+            alone: false,
         };
         let names = |quick: bool| -> Vec<String> {
             matrix(&Finer.repertoire(), &extent(quick))
@@ -198,15 +208,20 @@ mod tests {
 
     #[test]
     fn what_is_asked_of_the_same_data_has_the_same_noise() {
-        let cells = matrix(
-            &Finer.repertoire(),
-            &Extent {
-                quick: true,
-                seeds: 1,
-                first_seed: 1,
-            },
-        );
+        let asked = |alone: bool| {
+            matrix(
+                &Finer.repertoire(),
+                &Extent {
+                    quick: true,
+                    seeds: 1,
+                    first_seed: 1,
+                    alone,
+                },
+            )
+        };
+        let cells = [asked(false), asked(true)].concat();
         let find = |name: &str| cells.iter().find(|c| c.name() == name).unwrap().noise_seed();
+        assert_eq!(find("g2-tip_mass-5f-1mm-s1"), find("g2-tip_mass-5f-1mm-s1-alone"));
         assert_eq!(
             find("g2-tip_mass-5f-1mm-s1"),
             find("g2-tip_mass-5f-1mm-s1-hidden")

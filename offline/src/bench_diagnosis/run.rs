@@ -245,7 +245,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     }
     let start = Instant::now();
     let fit: Vec<&Demo> = fit.iter().collect();
-    let held_out: Vec<&Demo> = held_out.iter().collect();
+    let held_out: Vec<&Demo> = held_out.iter().filter(|_| !cell.alone).collect();
     match close_loop(&fit, &held_out, &options, &|_| {}) {
         Ok(outcome) => {
             let plain = answer(cell, truth, &outcome, start.elapsed().as_secs_f64());

@@ -14,7 +14,11 @@ pub fn text(tallies: &[Tally]) -> String {
             "g2" => "G2, the simulator on a finer grid with other particles and half the step",
             _ => "G3, the independent rod",
         };
-        let _ = writeln!(out, "{source}\n");
+        let judge = match tally.alone {
+            true => "one recording, judged by its own last part",
+            false => "one recording, judged by another",
+        };
+        let _ = writeln!(out, "{source}; {judge}\n");
         lines(&mut out, &tally.lines);
         let _ = writeln!(out, "\nWith parts of the method left out:");
         lines(&mut out, &tally.ablations);

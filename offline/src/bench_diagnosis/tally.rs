@@ -47,6 +47,8 @@ pub enum Figure {
 pub struct Tally {
     /// Name of the reality.
     pub world: String,
+    /// As [`super::cells::Cell::alone`] has it.
+    pub alone: bool,
     /// The promised lines.
     pub lines: Vec<Line>,
     /// How often which effect was named first, by true cause: columns are effects and verdicts.
@@ -195,6 +197,7 @@ pub fn tally(world: &str, all: &[Answer], left_out: &[&Missing], value_target: f
     lines.push(count("diagnoses that failed", failed));
     Tally {
         world: world.into(),
+        alone: mine.iter().any(|a| a.cell.alone),
         lines,
         confusion: confusion(&whole),
         ablations: ablations(&mine),
@@ -385,6 +388,7 @@ pub(super) mod tests {
                 seed: 1,
                 hidden: false,
                 without: None,
+                alone: false,
             },
             said,
             words: String::new(),

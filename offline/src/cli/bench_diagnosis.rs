@@ -18,6 +18,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         quick: arguments.quick,
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
+        alone: arguments.alone,
     };
     let mut chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
     if chosen.is_empty() {

@@ -288,6 +288,7 @@ pub(super) mod tests {
             accepted: Vec::new(),
             dropped: Vec::new(),
             nothing: Vec::new(),
+            only_numerical: false,
             instead_of: Vec::new(),
         }
     }

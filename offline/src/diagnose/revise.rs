@@ -233,6 +233,7 @@ pub(super) mod tests {
             accepted: Vec::new(),
             dropped: Vec::new(),
             nothing: Vec::new(),
+            only_numerical: false,
             instead_of: Vec::new(),
         };
         let starts = |left_mm, known| better_starts(&standing(&["tip_mass"], left_mm), &[round(known)]);

@@ -115,6 +115,7 @@ mod tests {
             accepted: vec!["gripper_lag".into()],
             dropped: Vec::new(),
             nothing: Vec::new(),
+            only_numerical: false,
             instead_of: Vec::new(),
         };
         let rivals = still_rivals(&bench, &before, &next, &round, &options, &|_| ());

@@ -1,5 +1,6 @@
 //! One round of the loop: score every effect, refit in full what may be the cause, choose.
 
+use super::accounted::excess_mm;
 use super::choice::{Choice, Standing};
 use super::gates::Gate;
 use super::memory::KeptModel;
@@ -69,6 +70,9 @@ pub struct Round {
     pub refits: Vec<Refit>,
     /// The effects that were accepted: one, several that pass only together, or none.
     pub accepted: Vec<String>,
+    /// Nothing was refitted, because what the model with its effects leaves is no more than the simulation's own error.
+    #[serde(default)]
+    pub only_numerical: bool,
     /// Effects of the model at the start that it needs no more beside those that were accepted.
     #[serde(default)]
     pub dropped: Vec<String>,
@@ -105,7 +109,46 @@ pub(super) fn one_round(
     progress("scoring every effect of the library from one pass of tangents");
     let (mut table, library) = score(bench, structure, &fitted.best.theta, options)?;
     tell(&table, progress);
-    let candidates = Refits::new(bench, now, &table, options);
+    let left_mm = excess_mm(&now.left, bench.doubt(&fitted.best));
+    progress(&format!(
+        "{:.2} mm are left where fitted, {left_mm:.2} of them beyond the noise; the simulation's own error there is {:.2} mm",
+        now.left.rms_mm, table.discretisation_mm
+    ));
+    // The base model's slight effects are asked for all the same: they may be the rope's.
+    let only_numerical = !structure.effects.is_empty() && left_mm <= table.discretisation_mm;
+    let choice = if only_numerical {
+        Choice::default()
+    } else {
+        refitted(bench, now, &mut table, options, progress)
+    };
+    let (accepted, next) = choice.accepted.unzip();
+    let round = Round {
+        known: structure.ids(),
+        table,
+        refits: choice.refits,
+        accepted: accepted.unwrap_or_default(),
+        only_numerical,
+        dropped: Vec::new(),
+        nothing: Vec::new(),
+        instead_of: Vec::new(),
+    };
+    Ok(Turn {
+        round,
+        next,
+        second: choice.second,
+        library,
+    })
+}
+
+/// The refits of a round, the likely ones first, until one is accepted; effects that could not be refitted go to the table.
+fn refitted(
+    bench: &Bench,
+    now: &Standing,
+    table: &mut ScoreTable,
+    options: &LoopOptions,
+    progress: &dyn Fn(&str),
+) -> Choice {
+    let candidates = Refits::new(bench, now, table, options);
     let mut choice = Choice::default();
     choice.among(bench, now, candidates.leading(progress), options, progress);
     if choice.accepted.is_none() {
@@ -123,22 +166,7 @@ pub(super) fn one_round(
     }
     let failures = candidates.failures.without(&choice.refits);
     table.untested.extend(failures);
-    let (accepted, next) = choice.accepted.unzip();
-    let round = Round {
-        known: structure.ids(),
-        table,
-        refits: choice.refits,
-        accepted: accepted.unwrap_or_default(),
-        dropped: Vec::new(),
-        nothing: Vec::new(),
-        instead_of: Vec::new(),
-    };
-    Ok(Turn {
-        round,
-        next,
-        second: choice.second,
-        library,
-    })
+    choice
 }
 
 /// The best scores, for whoever watches.

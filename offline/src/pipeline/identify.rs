@@ -117,7 +117,7 @@ pub fn identify(
 }
 
 /// Kind and version of the file that holds what an unfinished diagnosis has come to.
-const MEMORY: &[u8; 8] = b"gnmloop6";
+const MEMORY: &[u8; 8] = b"gnmloop7";
 
 /// The loop, from where a killed run left it.
 fn diagnosed(

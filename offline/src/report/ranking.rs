@@ -283,6 +283,9 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
             best.fit.rms_mm,
             best.fit.floors
         ),
+        (None, None) if round.only_numerical && score.significant() => format!(
+            "not ruled out: its score {statistic} was not looked into, because no more than the simulation's own error is left"
+        ),
         (None, None) if score.significant() => format!(
             "not ruled out: its score {statistic} is above the threshold, but small beside the best, or its refit stopped"
         ),
@@ -295,7 +298,12 @@ pub(super) fn reason(round: &Round, score: &Score) -> String {
 
 fn refits(round: &Round) -> Markup {
     html! {
-        @if round.refits.is_empty() {
+        @if round.only_numerical {
+            p {
+                "No effect was refitted: what the model leaves is no more than the simulation's own error of "
+                (format!("{:.2} mm.", round.table.discretisation_mm))
+            }
+        } @else if round.refits.is_empty() {
             p { "No effect was refitted: none is significant." }
         }
         @for refit in &round.refits {

@@ -148,6 +148,7 @@ fn round() -> Round {
         accepted: Vec::new(),
         dropped: Vec::new(),
         nothing: Vec::new(),
+        only_numerical: false,
         instead_of: Vec::new(),
     }
 }

@@ -34,6 +34,8 @@ fn main() -> anyhow::Result<()> {
         quick: arguments.quick,
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
+        // The truth is the same.
+        alone: false,
     };
     play(&Rod, &extent, &arguments.only, &arguments.out, &|line| {
         println!("{line}")
