@@ -7,8 +7,8 @@ use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations, StartState};
 use offline::diagnose::{
-    KeptModel, LoopOptions, Memory, Outcome, STABLE, Verdict, close_loop, problems, proposed_demo,
-    residual_force, resume_loop, separating, still_alike,
+    KeptModel, LoopOptions, Memory, NoiseSource, Outcome, STABLE, Verdict, close_loop, problems,
+    proposed_demo, residual_force, resume_loop, separating, still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
@@ -250,6 +250,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
         },
         reasons: Vec::new(),
         noise_scale: None,
+        noise_source: NoiseSource::Declared,
         invariances: Vec::new(),
         rivals: vec![KeptModel {
             effects: vec![rival.0.into()],

@@ -9,6 +9,7 @@ use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::{Progress, Watch};
+use offline::diagnose::NoiseSource;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile, YOUNG};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
@@ -158,7 +159,7 @@ impl Job<'_> {
             );
         }
         self.warn_of_valleys(&base.fitted);
-        self.warn(&base.fitted, base.noise_scale);
+        self.warn(&base.fitted, (base.noise_scale, base.noise_source));
         let of = Profiled {
             structure: &Structure::default(),
             fitted: &base.fitted,
@@ -223,7 +224,7 @@ impl Job<'_> {
         say_identified(&identified, reporter);
         let outcome = &identified.outcome;
         self.warn_of_valleys(&outcome.base);
-        self.warn(&outcome.fitted, outcome.noise_scale);
+        self.warn(&outcome.fitted, (outcome.noise_scale, outcome.noise_source));
         let mut summary = self.summary(
             &outcome.verdict.to_string(),
             (outcome.structure.ids(), outcome.estimates()),
@@ -311,8 +312,8 @@ impl Job<'_> {
         }
     }
 
-    fn warn(&self, fitted: &FitResult, noise_scale: Option<f64>) {
-        if let Some(doubt) = noise_scale.and_then(noise_doubt) {
+    fn warn(&self, fitted: &FitResult, (noise_scale, source): (Option<f64>, NoiseSource)) {
+        if let Some(doubt) = noise_scale.and_then(|scale| noise_doubt(scale, source)) {
             self.reporter.say(&format!("warning: {doubt}"));
         }
         let (demos, _) = self.inputs.members();

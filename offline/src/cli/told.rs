@@ -2,7 +2,7 @@
 
 use super::progress::Reporter;
 use offline::collect::DatasetSummary;
-use offline::diagnose::{Advice, LEAST_NOISE_SCALE};
+use offline::diagnose::{Advice, LEAST_NOISE_SCALE, NoiseSource};
 use offline::evaluate::Evaluation;
 use offline::fit::FINER;
 use offline::model::Estimate;
@@ -32,20 +32,26 @@ pub(super) fn say_identified(identified: &Identified, reporter: &Reporter) {
     say_advice(&identified.advice, reporter);
 }
 
-/// Times the declared noise by which frames at rest may scatter without doubt of it.
+/// Times the declared noise by which what tells it may scatter without doubt of it.
 const MOST_NOISE_SCALE: f64 = 3.0;
 
-/// What is doubtful in the declared noise, where frames at rest scatter by so many times as much. It says how the points of a
+/// What is doubtful in the declared noise, where what tells it scatters by so many times as much. It says how the points of a
 /// cloud lie about the rope's surface, too.
-pub(super) fn noise_doubt(scale: f64) -> Option<String> {
-    if scale <= LEAST_NOISE_SCALE {
+pub(super) fn noise_doubt(scale: f64, source: NoiseSource) -> Option<String> {
+    let scatter = source.in_words();
+    if source == NoiseSource::Jitter {
         Some(format!(
-            "frames at rest scatter by {LEAST_NOISE_SCALE} of noise_m or less, and noise smaller than that is not believed: what \
+            "{scatter} {scale:.1} times noise_m, and neither frames at rest nor a repeated recording measure it; so much counts as \
+             noise: correct noise_m in demo.toml, m"
+        ))
+    } else if scale <= LEAST_NOISE_SCALE {
+        Some(format!(
+            "{scatter} {LEAST_NOISE_SCALE} of noise_m or less, and noise smaller than that is not believed: what \
              the noise explains, and every verdict, hangs on noise_m; correct it in demo.toml, m"
         ))
     } else if scale > MOST_NOISE_SCALE {
         Some(format!(
-            "frames at rest scatter by {scale:.1} times noise_m; so much counts as noise, but clouds are read as if their points \
+            "{scatter} {scale:.1} times noise_m; so much counts as noise, but clouds are read as if their points \
              scattered by noise_m: correct it in demo.toml, m"
         ))
     } else {
@@ -191,13 +197,23 @@ mod tests {
     }
 
     #[test]
-    fn a_noise_that_frames_at_rest_contradict_is_doubted() {
-        for (scale, word) in [
-            (0.1, Some("0.1 of noise_m")),
-            (1.2, None),
-            (10.0, Some("10.0 times noise_m")),
+    fn a_declared_noise_that_the_data_contradict_is_doubted() {
+        for (scale, source, word) in [
+            (
+                0.1,
+                NoiseSource::Rest,
+                Some("frames at rest scatter by 0.1 of noise_m"),
+            ),
+            (1.2, NoiseSource::Rest, None),
+            (1.2, NoiseSource::Repeats, None),
+            (1.2, NoiseSource::Jitter, Some("at least 1.2 times noise_m")),
+            (
+                10.0,
+                NoiseSource::Repeats,
+                Some("same motion differ by 10.0 times noise_m"),
+            ),
         ] {
-            let doubt = noise_doubt(scale);
+            let doubt = noise_doubt(scale, source);
             assert_eq!(doubt.is_some(), word.is_some(), "{scale}");
             assert!(word.is_none_or(|word| doubt.unwrap().contains(word)), "{scale}");
         }

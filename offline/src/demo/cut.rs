@@ -153,6 +153,16 @@ impl Demo {
     }
 }
 
+/// The pose of a clamp at a time; that of its path's nearer end outside it.
+pub fn pose_at(path: &[ClampSample], t_s: f64) -> ClampSample {
+    let after = path.partition_point(|sample| sample.t_s <= t_s);
+    match (after.checked_sub(1).map(|before| path[before]), path.get(after)) {
+        (Some(before), Some(after)) => between(&before, after, t_s),
+        (Some(last), None) => last,
+        (None, _) => path[0],
+    }
+}
+
 /// The pose at a time between two samples.
 fn between(before: &ClampSample, after: &ClampSample, t_s: f64) -> ClampSample {
     let share = (t_s - before.t_s) / (after.t_s - before.t_s);

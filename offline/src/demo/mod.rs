@@ -19,6 +19,7 @@ mod summary;
 mod table;
 mod write;
 
+pub use cut::pose_at;
 pub use draw::plot_svg;
 pub use error::DemoError;
 pub use export::{CLOUD_TOPIC, clamp_topic, closed_topic, export_mcap};

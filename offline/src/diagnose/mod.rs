@@ -43,7 +43,7 @@ pub use next::swing_risk::{Allowed, SwingRisk, SwingRisks, Unseen};
 pub use next::{
     Advice, MotionProspect, NextDemonstration, Question, advise, proposed_demo, separating, still_alike,
 };
-pub use noise::{LEAST_NOISE_SCALE, Noise};
+pub use noise::{LEAST_NOISE_SCALE, Noise, NoiseSource};
 pub use round::{Refit, Round};
 pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
 pub use score::{Invariance, PartValue, Score, ScoreTable, Subset, Untested};

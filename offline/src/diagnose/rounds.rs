@@ -5,7 +5,7 @@ use super::choice::Standing;
 use super::conclude::{Facts, conclude};
 use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
-use super::noise::Noise;
+use super::noise::{Noise, NoiseSource};
 use super::round::Round;
 use super::score::{Invariance, discretisation_mm, invariances};
 use super::verdict::{ReasonCode, Verdict};
@@ -104,8 +104,10 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// Reasons for caution.
     pub reasons: Vec<ReasonCode>,
-    /// Measured over declared noise.
+    /// Measured over declared noise; none where it is as declared.
     pub noise_scale: Option<f64>,
+    /// What tells the noise.
+    pub noise_source: NoiseSource,
     /// Models that fit as well as the final one.
     pub rivals: Vec<KeptModel>,
     /// How the final model's effects fare in parts of what was fitted; none where the finer grid could not be simulated.
@@ -262,8 +264,10 @@ pub struct BaseFit {
     pub fitted: FitResult,
     /// What it leaves where held out.
     pub held_out: Evaluation,
-    /// Measured over declared noise.
+    /// Measured over declared noise; none where it is as declared.
     pub noise_scale: Option<f64>,
+    /// What tells the noise.
+    pub noise_source: NoiseSource,
     /// How far the simulation's own error may have moved each entry of θ.
     pub grid_shift: Vec<f64>,
 }
@@ -292,18 +296,19 @@ pub fn fit_only(
     Ok(BaseFit {
         held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
         grid_shift: grid_shift(&bench.fit, &structure, &fitted.best)?,
-        noise_scale: noise.map(|n| n.scale),
+        noise_scale: noise.measured_scale(),
+        noise_source: noise.source,
         fitted,
     })
 }
 
-/// The base model's fit, and the noise where the data tell it: the bench and the fit's rows know it then.
+/// The base model's fit, and the noise as far as the data tell it: the bench and the fit's rows know it then.
 fn fit_base(
     bench: &mut Bench,
     options: &LoopOptions,
     kept: Option<&KeptFit>,
     progress: &dyn Fn(&str),
-) -> Result<(FitResult, Option<Noise>), FitError> {
+) -> Result<(FitResult, Noise), FitError> {
     let mut base = match kept {
         Some(kept) => kept.again(&bench.fit)?,
         None => {
@@ -311,11 +316,10 @@ fn fit_base(
             fit(&bench.fit, &Structure::default(), &options.fit)?
         }
     };
-    let noise = Noise::at_rest(&bench.fit, &base.best);
-    if let Some(noise) = noise {
-        bench.set_noise(noise, options);
-        base.best.set_noise_scale(noise.scale);
-    }
+    let noise = Noise::measured(&bench.fit, &base.best);
+    progress(&format!("noise: {}", noise.in_words()));
+    bench.set_noise(noise, options);
+    base.best.set_noise_scale(noise.scale);
     Ok((base, noise))
 }
 
@@ -374,7 +378,7 @@ pub fn resume_loop(
         held_out_before: &held_out_before,
         rounds: &rounds,
         demos: [demos.len(), held_out.len()],
-        pure_error: noise.is_some(),
+        pure_error: noise.source.is_pure_error(),
         stopped,
     };
     let judge = |model: Standing| course.judge(&bench, model);
@@ -391,7 +395,8 @@ pub fn resume_loop(
         rounds,
         verdict: judged.verdict,
         reasons: judged.reasons,
-        noise_scale: noise.map(|n| n.scale),
+        noise_scale: noise.measured_scale(),
+        noise_source: noise.source,
         rivals: judged.model.rivals,
         invariances: judged.invariances,
         library,

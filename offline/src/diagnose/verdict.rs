@@ -71,7 +71,7 @@ impl fmt::Display for ReasonCode {
                 "HELD OUT LEFT: where held out more is left than noise and what is known to be uncertain"
             }
             Self::Numerical => "NUMERICAL: what is left is of the size of the discretisation error",
-            Self::NoPureError => "NO PURE ERROR: the noise is as declared, it could not be measured at rest",
+            Self::NoPureError => "NO PURE ERROR: neither frames at rest nor a repeated recording measured the noise: it is as declared, or as points jitter",
             Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",
             Self::HeldOutInTime => {
                 "HELD OUT IN TIME: checked on frames of the same demonstration that were not fitted"

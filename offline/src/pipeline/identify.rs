@@ -5,7 +5,7 @@ use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, Outcome, ReasonCode,
+    Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, NoiseSource, Outcome, ReasonCode,
     ResidualForce, Round, SwingRisks, Verdict, advise, residual_force, resume_loop,
 };
 use crate::fit::{FitResult, fit_from};
@@ -37,6 +37,8 @@ pub(super) struct DiagnosisFile {
     verdict_in_words: String,
     reasons: Vec<ReasonCode>,
     noise_scale: Option<f64>,
+    #[serde(default)]
+    noise_source: NoiseSource,
     /// Models that fit as well as the final one.
     rivals: Vec<KeptModel>,
     /// How the final model's effects fare in parts of what was fitted.
@@ -205,6 +207,7 @@ fn restore(
         verdict: diagnosis.verdict,
         reasons: diagnosis.reasons,
         noise_scale: diagnosis.noise_scale,
+        noise_source: diagnosis.noise_source,
         rivals: diagnosis.rivals,
         invariances: diagnosis.invariances,
         grid_shift: fit.grid_shift,
@@ -236,6 +239,7 @@ fn save(
         verdict_in_words: outcome.verdict.to_string(),
         reasons: outcome.reasons.clone(),
         noise_scale: outcome.noise_scale,
+        noise_source: outcome.noise_source,
         rivals: outcome.rivals.clone(),
         invariances: outcome.invariances.clone(),
         fit_before: ResidualSummary::of(&outcome.base.best),

@@ -133,10 +133,7 @@ pub(super) fn parameter_title(name: &str, unit: &str) -> String {
 
 /// Where the figures come from.
 pub(super) fn provenance(input: &ReportInput) -> Markup {
-    let noise = match input.outcome.noise_scale {
-        Some(scale) => format!("{scale:.2} × declared, measured while the rope was at rest"),
-        None => "as declared: too few frames at rest to measure it".to_owned(),
-    };
+    let noise = input.outcome.noise_source.with_scale(input.outcome.noise_scale);
     html! {
         h2 { "Provenance" }
         table {

@@ -6,8 +6,8 @@ use super::*;
 use crate::demo::CloudFrame;
 use crate::demo::Observations;
 use crate::diagnose::{
-    Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, Question, Refit, Round, Score, ScoreTable,
-    Subset, SwingRisk, SwingRisks, TermShare, Unseen, Verdict,
+    Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, NoiseSource, Question, Refit, Round, Score,
+    ScoreTable, Subset, SwingRisk, SwingRisks, TermShare, Unseen, Verdict,
 };
 use crate::effects;
 use crate::fit::{self, Correlation, FitResult};
@@ -167,6 +167,7 @@ fn outcome() -> Outcome {
         },
         reasons: Vec::new(),
         noise_scale: None,
+        noise_source: NoiseSource::Declared,
         rivals: Vec::new(),
         invariances: Vec::new(),
         grid_shift: vec![0.0; 3],

@@ -85,7 +85,7 @@ pub fn residual_force(
     }
     let mut all = Problem::new(demos, options.resolution)?;
     all.noise_scale = outcome.noise_scale.unwrap_or(1.0);
-    let noise = Noise::at_rest(&all, &outcome.base.best).unwrap_or(Noise::DECLARED);
+    let noise = Noise::measured(&all, &outcome.base.best);
     let theta = &outcome.fitted.best.theta;
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);

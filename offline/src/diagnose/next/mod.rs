@@ -205,7 +205,7 @@ impl<'a> Desk<'a> {
         let moves = |demo: &&Demo| !demo.spec.is_static();
         let varied = demos.iter().position(moves).unwrap_or(0);
         Ok(Self {
-            noise: Noise::at_rest(&problem, &outcome.base.best).unwrap_or(Noise::DECLARED),
+            noise: Noise::measured(&problem, &outcome.base.best),
             varied,
             look: Look::of(demos[varied], &outcome.fitted.best.rows[varied]),
             problem,

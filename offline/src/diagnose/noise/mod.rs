@@ -1,5 +1,7 @@
-//! The noise of measured offsets, learnt from the frames in which the rope lies at rest and hence without
-//! the model: its size against what is declared, and how alike neighbours in time and along the rope are.
+//! The noise of measured offsets, learnt without the model: its size against what is declared, and how alike neighbours in
+//! time and along the rope are. Recordings that repeat each other tell it, all that is not reproduced included; else the
+//! frames in which the rope lies at rest; else it is as declared, or as much as offsets jitter from frame to frame where that
+//! is more.
 //!
 //! Noise that hangs together looks like a signal to a test that believes its offsets independent; such
 //! tests find an effect in nearly all perfect data. So residuals and tangents are whitened before they
@@ -7,11 +9,15 @@
 //! its neighbour along the rope does. That is exact for noise that is autoregressive in both
 //! directions, R_time ⊗ R_arc, on a full grid of frames and stations.
 
+mod jitter;
+mod repeats;
+mod whiten;
+
+pub use whiten::Whitener;
+
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// Fewest frames at rest from which noise is measured.
 const MIN_REST_FRAMES: usize = 4;
@@ -22,6 +28,46 @@ const MOST_ALIKE: f64 = 0.95;
 /// again, so rounding, blur and the offset of a pixel's middle do not show there, and a simulated rope has no noise
 /// at all.
 pub const LEAST_NOISE_SCALE: f64 = 0.1;
+
+/// What tells the size of the noise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseSource {
+    /// The demonstrations declare it.
+    #[default]
+    Declared,
+    /// Frames in which the rope lies at rest.
+    Rest,
+    /// Recordings that repeat each other.
+    Repeats,
+    /// How offsets jitter from frame to frame: a lower bound, where it is more than declared.
+    Jitter,
+}
+
+impl NoiseSource {
+    /// Whether the noise was measured, and not only bounded.
+    pub fn is_pure_error(self) -> bool {
+        matches!(self, Self::Rest | Self::Repeats)
+    }
+
+    /// What tells it and how much it is over the declared, for people.
+    pub fn with_scale(self, scale: Option<f64>) -> String {
+        match scale {
+            Some(scale) => format!("{} {scale:.2} times noise_m", self.in_words()),
+            None => "as declared; neither frames at rest nor a repeated recording tell it".to_owned(),
+        }
+    }
+
+    /// What tells it and how, for people, before its size.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Declared => "it is declared to be",
+            Self::Rest => "frames at rest scatter by",
+            Self::Repeats => "recordings of the same motion differ by",
+            Self::Jitter => "offsets jitter from frame to frame by at least",
+        }
+    }
+}
 
 /// Size and correlation of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +80,8 @@ pub struct Noise {
     pub along_rope: f64,
     /// Independent values from which its size is known; infinitely many where it is declared.
     pub values: f64,
+    /// What tells its size.
+    pub source: NoiseSource,
 }
 
 impl Noise {
@@ -43,7 +91,27 @@ impl Noise {
         in_time: 0.0,
         along_rope: 0.0,
         values: f64::INFINITY,
+        source: NoiseSource::Declared,
     };
+
+    /// As an evaluation of a problem tells it.
+    pub fn measured(problem: &Problem, evaluation: &Evaluation) -> Self {
+        let repeats = repeats::repeat_series(problem, evaluation);
+        Self::of_series(&repeats, NoiseSource::Repeats)
+            .or_else(|| Self::at_rest(problem, evaluation))
+            .or_else(|| jitter::more_than_declared(problem, evaluation))
+            .unwrap_or(Self::DECLARED)
+    }
+
+    /// Its size and what tells it, for people.
+    pub fn in_words(&self) -> String {
+        self.source.with_scale(self.measured_scale())
+    }
+
+    /// Measured over declared standard deviation; none where it is as declared.
+    pub fn measured_scale(&self) -> Option<f64> {
+        (self.source != NoiseSource::Declared).then_some(self.scale)
+    }
 
     /// From the frames at rest of an evaluation of a problem; none where its demonstrations show too few. Not from those
     /// that are held out: how well a rope is seen hangs on where it rests, and with the sample rope's held-out recordings
@@ -53,7 +121,7 @@ impl Noise {
     /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
     /// not matter. Correlation and size maximise the restricted likelihood (Patterson
     /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
-    pub fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
+    fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
         for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
             let frames = demo.rest_frames(&scene.frame_times_s);
@@ -62,10 +130,10 @@ impl Noise {
                 series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
             }
         }
-        Self::of_series(&series)
+        Self::of_series(&series, NoiseSource::Rest)
     }
 
-    fn of_series(series: &[Series]) -> Option<Self> {
+    fn of_series(series: &[Series], source: NoiseSource) -> Option<Self> {
         if series.is_empty() {
             return None;
         }
@@ -77,12 +145,13 @@ impl Noise {
                 (r, variance, likelihood)
             })
             .max_by(|a, b| a.2.total_cmp(&b.2))?;
-        let free: f64 = series.iter().map(|s| s.places.len() as f64 - 1.0).sum();
+        let free: f64 = series.iter().map(Series::free).sum();
         if variance.sqrt() < LEAST_NOISE_SCALE {
             // What is left there is rounding or creep: how it hangs together says nothing of the noise.
             return Some(Self {
                 scale: LEAST_NOISE_SCALE,
                 values: free,
+                source,
                 ..Self::DECLARED
             });
         }
@@ -94,6 +163,7 @@ impl Noise {
             // The correlation in time is found from the same values, which makes the size as uncertain as if they were
             // not told apart.
             values: independent_squares(free, in_time, along_rope),
+            source,
         })
     }
 
@@ -126,24 +196,6 @@ impl Noise {
         let seen = independent_squares(rows as f64, self.in_time, self.along_rope);
         (2.0 / self.values + 2.0 / seen).sqrt()
     }
-
-    /// The operator that makes this noise white on the rows of an evaluation.
-    pub fn whitener(&self, evaluation: &Evaluation) -> Whitener {
-        let mut first = 0;
-        let (mut in_time, mut along_rope) = (Vec::new(), Vec::new());
-        for rows in &evaluation.rows {
-            in_time.extend(predecessors(rows, first, self.in_time, |row| {
-                Some((row.frame.checked_sub(1)?, row.station))
-            }));
-            along_rope.extend(predecessors(rows, first, self.along_rope, |row| {
-                Some((row.frame, row.station.checked_sub(1)?))
-            }));
-            first += rows.len();
-        }
-        Whitener {
-            passes: [in_time, along_rope],
-        }
-    }
 }
 
 /// How many of so many values, autoregressive in time and along the rope, count as independent in their mean square.
@@ -155,14 +207,28 @@ pub(super) fn independent_squares(values: f64, in_time: f64, along_rope: f64) ->
     values * share(in_time) * share(along_rope)
 }
 
-/// Measured places of one station along one direction over the frames at rest.
+/// Measured places of one station along one direction over the frames at rest, or what places differ by.
 struct Series {
     station: usize,
+    /// Its first frame.
+    first: usize,
     direction: [f64; 3],
     /// Over the declared standard errors.
     places: Vec<f64>,
-    /// One over the declared standard errors, 1/m: what a metre of the unknown mean adds to each.
+    /// One over the declared standard errors, 1/m: what a metre of the unknown mean adds to each; zero where the mean is known
+    /// to be nothing.
     per_metre: Vec<f64>,
+}
+
+impl Series {
+    fn has_unknown_mean(&self) -> bool {
+        self.per_metre.iter().any(|&per_metre| per_metre != 0.0)
+    }
+
+    /// Values less the mean that is found from them.
+    fn free(&self) -> f64 {
+        self.places.len() as f64 - f64::from(u8::from(self.has_unknown_mean()))
+    }
 }
 
 /// Least share of a direction that the offsets of a frame must measure.
@@ -186,6 +252,7 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
                 let places = seen.iter().zip(&per_metre).map(|((place_m, _), w)| place_m * w);
                 found.push(Series {
                     station,
+                    first: 0,
                     direction: axis.direction,
                     places: places.collect(),
                     per_metre,
@@ -197,26 +264,33 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
 }
 
 /// Where a station was measured along an axis in a frame, and the standard error of that, m; none where it was not seen along
-/// it. What was measured, not how far it lies from the model: a simulated rope that settles meanwhile is no noise. Offsets are
-/// added as vectors, for directions may turn a little from frame to frame.
+/// it. What was measured, not how far it lies from the model: a simulated rope that settles meanwhile is no noise.
 fn place(at: &[&Row], axis: &Row, frame: usize) -> Option<(f64, f64)> {
-    let here = || at.iter().filter(|r| r.frame == frame);
-    let predicted_m = alike(&here().next()?.position_m, &axis.direction);
-    let (mut place_m, mut variance, mut seen) = (predicted_m, 0.0, 0.0);
-    for row in here() {
-        let share = alike(&row.direction, &axis.direction);
-        place_m += row.offset_m * share;
+    let (offset_m, variance) = offset_along(at, &axis.direction, frame)?;
+    let predicted = at.iter().find(|row| row.frame == frame)?;
+    let predicted_m = alike(&predicted.position_m, &axis.direction);
+    Some((predicted_m + offset_m, variance.sqrt()))
+}
+
+/// The offset of a station, whose rows these are, along a direction in a frame, m, and the square of its standard error; none
+/// where it was not seen along it. Offsets are added as vectors, for directions may turn a little from frame to frame.
+fn offset_along(at: &[&Row], direction: &[f64; 3], frame: usize) -> Option<(f64, f64)> {
+    let (mut offset_m, mut variance, mut seen) = (0.0, 0.0, 0.0);
+    for row in at.iter().filter(|row| row.frame == frame) {
+        let share = alike(&row.direction, direction);
+        offset_m += row.offset_m * share;
         variance += (row.sigma_m * share).powi(2);
         seen += share * share;
     }
-    (seen > SEEN).then(|| (place_m, variance.sqrt()))
+    (seen > SEEN).then_some((offset_m, variance))
 }
 
 fn alike(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     (0..3).map(|k| a[k] * b[k]).sum()
 }
 
-/// Independent parts of an autoregressive series about its best mean, and how well they tell that mean, 1/m².
+/// Independent parts of an autoregressive series about its best mean, and how well they tell that mean, 1/m²; about nothing
+/// where that is the mean.
 fn innovations(series: &Series, r: f64) -> (Vec<f64>, f64) {
     let spread = (1.0 - r * r).sqrt();
     let independent = |values: &[f64]| -> Vec<f64> {
@@ -226,7 +300,11 @@ fn innovations(series: &Series, r: f64) -> (Vec<f64>, f64) {
     let (parts, ones) = (independent(&series.places), independent(&series.per_metre));
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let precision = dot(&ones, &ones);
-    let mean_m = dot(&ones, &parts) / precision;
+    let mean_m = if precision > 0.0 {
+        dot(&ones, &parts) / precision
+    } else {
+        0.0
+    };
     let about_mean = parts.iter().zip(&ones).map(|(part, one)| part - mean_m * one);
     (about_mean.collect(), precision)
 }
@@ -238,9 +316,12 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
         let n = s.places.len() as f64;
         let (parts, precision) = innovations(s, r);
         square += parts.iter().map(|u| u * u).sum::<f64>();
-        free += n - 1.0;
+        free += s.free();
         // ln det R = (n - 1) ln(1 - r²) of an AR(1) series.
-        determinants += (n - 1.0) * (1.0 - r * r).ln() + precision.ln();
+        determinants += (n - 1.0) * (1.0 - r * r).ln();
+        if s.has_unknown_mean() {
+            determinants += precision.ln();
+        }
     }
     let variance = square / free;
     (
@@ -255,9 +336,8 @@ fn neighbours(series: &[Series], in_time: f64) -> f64 {
     let parts: Vec<Vec<f64>> = series.iter().map(|s| innovations(s, in_time).0).collect();
     let (mut product, mut norm) = (0.0, 0.0);
     for (i, a) in series.iter().enumerate() {
-        // Series are in the order of their stations, at most three of each.
-        let next = (i + 1..series.len().min(i + 6)).filter(|&j| series[j].station == a.station + 1);
-        for j in next {
+        let beside = |b: &Series| b.station == a.station + 1 && b.first == a.first;
+        for j in (0..series.len()).filter(|&j| beside(&series[j])) {
             let alike = alike(&a.direction, &series[j].direction);
             for (u, v) in parts[i].iter().zip(&parts[j]) {
                 product += u * v * alike;
@@ -272,69 +352,15 @@ fn neighbours(series: &[Series], in_time: f64) -> f64 {
     }
 }
 
-/// For each row what its predecessor lets expect: weights of other rows, and what is left over.
-struct Expected {
-    from: Vec<(usize, f64)>,
-    spread: f64,
-}
-
-/// Takes the expected part out of whitened residuals and columns of tangents alike.
-pub struct Whitener {
-    passes: [Vec<Expected>; 2],
-}
-
-impl Whitener {
-    /// Whitens every column, which is over the rows' standard errors already.
-    pub fn apply(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut now = columns.clone();
-        for pass in &self.passes {
-            let before = now.clone();
-            for (i, expected) in pass.iter().enumerate() {
-                for k in 0..now.ncols() {
-                    let guess: f64 = expected.from.iter().map(|&(j, w)| w * before[(j, k)]).sum();
-                    now[(i, k)] = (before[(i, k)] - guess) / expected.spread;
-                }
-            }
-        }
-        now
-    }
-}
-
-fn predecessors(
-    rows: &[Row],
-    first: usize,
-    correlation: f64,
-    before: impl Fn(&Row) -> Option<(usize, usize)>,
-) -> Vec<Expected> {
-    let mut places: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
-    for (i, row) in rows.iter().enumerate() {
-        places.entry((row.frame, row.station)).or_default().push(i);
-    }
-    rows.iter()
-        .map(|row| {
-            let there = before(row).and_then(|place| places.get(&place));
-            let Some(there) = there.filter(|_| correlation > 0.0) else {
-                return Expected {
-                    from: Vec::new(),
-                    spread: 1.0,
-                };
-            };
-            let weight = |&j: &usize| (first + j, correlation * alike(&row.direction, &rows[j].direction));
-            let from: Vec<(usize, f64)> = there.iter().map(weight).collect();
-            let known: f64 = from.iter().map(|(_, w)| w * w).sum();
-            Expected {
-                spread: (1.0 - known.min(MOST_ALIKE * MOST_ALIKE)).sqrt(),
-                from,
-            }
-        })
-        .collect()
-}
-
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::revise::tests::{YOUNG_PA, options};
     use super::*;
+    use crate::bench_diagnosis::experiment::MOTIONS;
     use crate::bench_diagnosis::noise::{CORRELATION, correlated};
-    use nalgebra::DVector;
+    use crate::bench_diagnosis::reality::{Finer, Reality};
+    use crate::demo::{Demo, Observations};
+    use crate::model::Structure;
 
     /// The benchmark's noise, of the size that is declared.
     pub const LIKE_THE_BENCHMARKS: Noise = Noise {
@@ -412,7 +438,8 @@ pub(super) mod tests {
                 row.sigma_m *= worse;
                 row.offset_m = row.offset_m * worse + off_m;
             }
-            Noise::of_series(&rest_series(&rows, (12, STATIONS), 1.0)).expect("frames at rest")
+            let series = rest_series(&rows, (12, STATIONS), 1.0);
+            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
         };
         let (mut scale, mut in_time) = (0.0, 0.0);
         for seed in 0..SETS {
@@ -461,7 +488,8 @@ pub(super) mod tests {
                     .iter_mut()
                     .for_each(|offset| offset[0] += drift_m * frame as f64);
             }
-            Noise::of_series(&rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0)).expect("frames at rest")
+            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
+            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
         };
         assert_eq!(found(1e-6, 0.0).scale, 0.1);
         let creep = found(0.0, 1e-9);
@@ -470,13 +498,58 @@ pub(super) mod tests {
         assert!((scale(0.0005) - 0.5).abs() < 0.05);
     }
 
+    /// A rope seen twice as badly as is declared: two recordings of its motion tell that, one tells it where it rests, and one
+    /// that never shows it at rest that the noise is no less than its jitter.
+    #[test]
+    fn repeats_tell_the_noise_or_frames_at_rest_or_else_jitter_bounds_it() {
+        let track = &Finer.tracks(YOUNG_PA, &[], &MOTIONS[..1]).unwrap()[0];
+        let seen = |declared_m: f64, seed: u64| {
+            let mut demo = MOTIONS[0].demo(track, 0.002, seed);
+            demo.spec.noise_m = declared_m;
+            demo
+        };
+        let seen_in_motion = |declared_m: f64| {
+            let mut demo = seen(declared_m, 1);
+            let times_s = demo.times_s();
+            let first_s = times_s[demo.rest_frames(&times_s)];
+            if let Observations::Markers(samples) = &mut demo.observations {
+                samples.retain(|sample| sample.t_s >= first_s);
+            }
+            demo
+        };
+        let found = |demos: &[&Demo]| {
+            let problem = Problem::new(demos, options().resolution).unwrap();
+            let rope = problem
+                .residuals(&Structure::default(), &[YOUNG_PA.ln(), 0.3])
+                .unwrap();
+            Noise::measured(&problem, &rope)
+        };
+        let [one, other] = [1, 2].map(|seed| seen(0.001, seed));
+        let repeated = found(&[&one, &other]);
+        assert_eq!(repeated.source, NoiseSource::Repeats);
+        assert!((repeated.scale - 2.0).abs() < 0.1, "{repeated:?}");
+        assert!((repeated.in_time - CORRELATION[0]).abs() < 0.05, "{repeated:?}");
+        let alone = found(&[&one]);
+        assert_eq!(alone.source, NoiseSource::Rest);
+        assert!((alone.scale - 2.0).abs() < 0.4, "{alone:?}");
+        let moving = found(&[&seen_in_motion(0.0005)]);
+        assert_eq!(
+            (moving.source, moving.source.is_pure_error()),
+            (NoiseSource::Jitter, false)
+        );
+        assert!(1.0 < moving.scale && moving.scale < 4.4, "{moving:?}");
+        let right = found(&[&seen_in_motion(0.002)]);
+        assert_eq!((right, right.measured_scale()), (Noise::DECLARED, None));
+    }
+
     /// Noise alone leaves more than the floor with its doubt in one of twenty sets.
     #[test]
     fn noise_alone_seldom_exceeds_its_floor_beyond_doubt() {
         const SETS: u64 = 200;
         let exceeds = |seed: &u64| {
             let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], *seed);
-            let found = Noise::of_series(&rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0)).unwrap();
+            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
+            let found = Noise::of_series(&series, NoiseSource::Rest).unwrap();
             let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
             let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
             square > found.scale.powi(2) * (1.0 + found.doubt(offsets.len()))
@@ -484,32 +557,5 @@ pub(super) mod tests {
         let count = (0..SETS).filter(exceeds).count();
         println!("{count} of {SETS}");
         assert!((1..=8).contains(&count), "{count}");
-    }
-
-    /// After whitening with the true correlations the noise has unit variance and no neighbours alike.
-    #[test]
-    fn whitened_noise_is_white() {
-        let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], 5);
-        let evaluation = Evaluation {
-            theta: Vec::new(),
-            rows: vec![rows_of(&noise, FRAMES)],
-            most_rows: FRAMES * STATIONS,
-            huber: f64::INFINITY,
-            jacobian: DMatrix::zeros(0, 0),
-        };
-        let raw = evaluation.whitened();
-        let column = DMatrix::from_columns(&[raw]);
-        let white: DVector<f64> = LIKE_THE_BENCHMARKS
-            .whitener(&evaluation)
-            .apply(&column)
-            .column(0)
-            .into_owned();
-        let n = white.len() as f64;
-        // Standard error of a variance from 2880 independent numbers: 2.6 %; four of them.
-        assert!((white.norm_squared() / n - 1.0).abs() < 0.11);
-        let lag = 3 * STATIONS;
-        let next: f64 = (lag..white.len()).map(|i| white[i] * white[i - lag]).sum::<f64>() / n;
-        let beside: f64 = (3..white.len()).map(|i| white[i] * white[i - 3]).sum::<f64>() / n;
-        assert!(next.abs() < 0.08 && beside.abs() < 0.08, "{next} {beside}");
     }
 }
