@@ -170,6 +170,7 @@ impl Instance {
     pub fn running_config(&self) -> Result<Config, SessionError> {
         let not_running = || SessionError::NotRunning(self.name.clone());
         let lock = File::open(self.lock_file()).map_err(|_| not_running())?;
+        check_ours(&self.base())?;
         if !lock_is_held(&lock) {
             return Err(not_running());
         }
@@ -424,6 +425,27 @@ mod tests {
         let refused = check_ours(&folder).unwrap_err().to_string();
         fs::remove_file(&folder).unwrap();
         assert!(refused.contains("only this user may write"), "{refused}");
+    }
+
+    /// Somebody else may make a folder of the name of this user's before any controller runs, and hold its lock.
+    #[test]
+    fn a_client_does_not_follow_a_folder_that_others_may_write_to() {
+        let instance = Instance {
+            uid: 3_000_000_000 + std::process::id(),
+            ..Instance::new("client").unwrap()
+        };
+        let base = instance.base();
+        fs::create_dir(&base).unwrap();
+        let lock = instance.take_lock().unwrap();
+        let with_mode = |mode: u32| {
+            fs::set_permissions(&base, fs::Permissions::from_mode(mode)).unwrap();
+            instance.running_config().map(|_| ())
+        };
+        let (open, own) = (with_mode(0o777), with_mode(0o700));
+        drop(lock);
+        fs::remove_dir_all(&base).unwrap();
+        assert!(matches!(open, Err(SessionError::NotOurs(_))), "{open:?}");
+        assert!(matches!(own, Err(SessionError::NotRunning(_))), "{own:?}");
     }
 
     #[test]

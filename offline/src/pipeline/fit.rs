@@ -117,9 +117,11 @@ pub fn refuse_strangers(run: &RunFolder) -> anyhow::Result<()> {
 /// # Errors
 /// A file cannot be removed.
 pub(super) fn forget_others(run: &RunFolder, key: u64, progress: &dyn Fn(&str)) -> Result<(), FileError> {
+    let intervals = [run.profile(), run.base_profile()];
     for path in followers(run) {
         // Intervals say of which fit they are, and take minutes to find anew.
-        if path.exists() && !super::profile::is_of(&path, key) {
+        let stays = intervals.contains(&path) && super::profile::is_of(&path, key);
+        if path.exists() && !stays {
             progress(&format!(
                 "{} is of other data or settings: removed",
                 path.display()
