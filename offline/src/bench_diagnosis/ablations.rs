@@ -1,7 +1,7 @@
 //! What the parts of the method are worth: the same data asked again without one of them.
 
 use super::run::Answer;
-use super::tally::{Figure, Line, is_strange, names_strange};
+use super::tally::{Figure, Line, is_right, is_strange, names_strange};
 use crate::diagnose::Part;
 use crate::statistics::Rate;
 
@@ -9,11 +9,11 @@ use crate::statistics::Rate;
 const PARTS: [(Part, &str); 3] = [
     (Part::Whitening, "whitening"),
     (Part::Nuisances, "nuisance columns"),
-    (Part::Refinement, "the refinement gate"),
+    (Part::Refinement, "a finer grid"),
 ];
 
-/// For every part how often a wrong effect is named without it, and whether more wrong effects get a significant score:
-/// what the gates behind the scores then refuse nobody sees in the names.
+/// For every part how often a wrong effect is named without it, whether more wrong effects get a significant score, because
+/// what the gates behind the scores then refuse nobody sees in the names, and how often the answer is not the right one.
 pub(super) fn ablations(mine: &[&Answer]) -> Vec<Line> {
     PARTS
         .iter()
@@ -22,8 +22,11 @@ pub(super) fn ablations(mine: &[&Answer]) -> Vec<Line> {
             let pairs: Vec<[&Answer; 2]> = asked_again
                 .filter_map(|without| Some([whole(mine, without)?, without]))
                 .collect();
-            let scored = part != Part::Refinement;
-            std::iter::once(wrongly_named(&pairs, words)).chain(scored.then(|| wrongly_scored(&pairs, words)))
+            [
+                more_often("a wrong effect named", names_strange, &pairs, words),
+                wrongly_scored(&pairs, words),
+                more_often("not the right answer", |answer| !is_right(answer), &pairs, words),
+            ]
         })
         .collect()
 }
@@ -35,11 +38,12 @@ fn whole<'a>(mine: &[&'a Answer], without: &Answer) -> Option<&'a Answer> {
     mine.iter().find(same).copied()
 }
 
-fn wrongly_named(pairs: &[[&Answer; 2]], words: &str) -> Line {
-    let [with, without] = [0, 1].map(|k| Rate::of(pairs.iter().map(|pair| names_strange(pair[k]))));
+/// How often something is so without a part, beside how often it is with it.
+fn more_often(what: &str, is_so: fn(&Answer) -> bool, pairs: &[[&Answer; 2]], words: &str) -> Line {
+    let [with, without] = [0, 1].map(|k| Rate::of(pairs.iter().map(|pair| is_so(pair[k]))));
     let apart = (with.wilson().zip(without.wilson())).map(|(a, b)| [b[0] > a[1], b[1] < a[0]]);
     Line {
-        what: format!("a wrong effect named without {words}"),
+        what: format!("{what} without {words}"),
         target: Some(format!("visibly more than with it, {} of {}", with.hits, with.of)),
         figure: Figure::Rate(without),
         met: apart.map(|[more, _]| more),
@@ -95,7 +99,9 @@ mod tests {
         assert_eq!(whitening.met, Some(true));
         let target = whitening.target.as_deref().unwrap();
         assert!(target.ends_with("0 of 40"), "{target}");
-        assert!(tally.ablations[2..].iter().all(|line| line.met.is_none()));
+        let wrong = &tally.ablations[2];
+        assert_eq!((wrong.figure, wrong.met), (whitening.figure, Some(true)));
+        assert!(tally.ablations[3..].iter().all(|line| line.met.is_none()));
     }
 
     #[test]
@@ -121,11 +127,11 @@ mod tests {
         empty.cell.without = Some(Part::Nuisances);
         answers.push(empty);
         let tally = tally("g2", &answers, &[], 0.1);
-        let scored = &tally.ablations[3];
+        let scored = &tally.ablations[4];
         assert_eq!(scored.figure, Figure::Rate(Rate { hits: 12, of: 12 }));
         let target = scored.target.as_deref().unwrap();
         assert!(target.ends_with("2.0 instead of 0.1"), "{target}");
         assert_eq!(scored.met, Some(true));
-        assert_eq!(tally.ablations[2].figure, Figure::Rate(Rate { hits: 0, of: 13 }));
+        assert_eq!(tally.ablations[3].figure, Figure::Rate(Rate { hits: 0, of: 13 }));
     }
 }

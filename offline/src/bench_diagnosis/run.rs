@@ -8,7 +8,9 @@ use super::reality::{Finer, Reality};
 use super::truth::{self, Truth};
 use crate::countdown::Countdown;
 use crate::demo::Demo;
-use crate::diagnose::{Invariance, LoopOptions, Outcome, ReasonCode, Round, Verdict, close_loop};
+use crate::diagnose::{
+    Invariance, LoopOptions, Outcome, ReasonCode, ScoreTable, Verdict, base_scores, close_loop,
+};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
@@ -88,7 +90,8 @@ pub struct Answer {
     pub fitted_mm: [f64; 3],
     /// Discretisation error that the first round estimated, mm.
     pub discretisation_mm: f64,
-    /// Effects whose score was significant in the first round; none where nothing was left to score.
+    /// Effects whose score on the base model was significant, be it that nothing was left to score; none where they could not
+    /// be scored.
     #[serde(default)]
     pub significant: Option<Vec<String>>,
     /// Every refit: effect and the gates that it failed.
@@ -249,7 +252,14 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     match close_loop(&fit, &held_out, &options, &|_| {}) {
         Ok(outcome) => {
             let plain = answer(cell, truth, &outcome, start.elapsed().as_secs_f64());
+            let significant = match outcome.rounds.first() {
+                Some(round) => Some(significant(&round.table)),
+                None => base_scores(&fit, &held_out, &outcome, &options)
+                    .ok()
+                    .map(|table| significant(&table)),
+            };
             Answer {
+                significant,
                 follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
                 sealed_mm: sealed_mm(cell, truth, &outcome, options.resolution)
                     .ok()
@@ -348,7 +358,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         sealed_mm: None,
         fitted_mm: errors_mm([&outcome.base.best, &outcome.fitted.best]),
         discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
-        significant: outcome.rounds.first().map(significant),
+        significant: None,
         refits: outcome
             .rounds
             .iter()
@@ -367,9 +377,9 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
     }
 }
 
-/// Effects whose score is significant in a round.
-fn significant(round: &Round) -> Vec<String> {
-    let scores = round.table.scores.iter().filter(|score| score.significant());
+/// Effects whose score is significant.
+fn significant(table: &ScoreTable) -> Vec<String> {
+    let scores = table.scores.iter().filter(|score| score.significant());
     scores.map(|score| score.id.clone()).collect()
 }
 

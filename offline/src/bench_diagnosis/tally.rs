@@ -92,6 +92,16 @@ pub(super) fn names_strange(answer: &Answer) -> bool {
     answer.named.iter().any(|named| is_strange(answer, named))
 }
 
+/// Whether an answer is the right one: nothing where nothing is missing, else the cause and no other.
+pub(super) fn is_right(answer: &Answer) -> bool {
+    match answer.cell.kind() {
+        Kind::Nothing => !alarmed(answer),
+        Kind::Single => right_first(answer) && !names_strange(answer),
+        Kind::Pair => answer.cell.causes.iter().all(|cause| found(answer, cause)) && !names_strange(answer),
+        Kind::Foreign => honest(answer),
+    }
+}
+
 /// Whether a cause that the library does not know was noticed and nothing else is called its explanation, alone or as one
 /// of several that fit alike.
 fn honest(answer: &Answer) -> bool {

@@ -210,7 +210,7 @@ mod tests {
             (
                 10.0,
                 NoiseSource::Repeats,
-                Some("same motion differ by 10.0 times noise_m"),
+                Some("same motion scatter by 10.0 times noise_m"),
             ),
         ] {
             let doubt = noise_doubt(scale, source);

@@ -45,6 +45,8 @@ pub use next::{
 };
 pub use noise::{LEAST_NOISE_SCALE, Noise, NoiseSource};
 pub use round::{Refit, Round};
-pub use rounds::{BaseFit, LoopOptions, Outcome, Part, close_loop, fit_only, problems, resume_loop};
+pub use rounds::{
+    BaseFit, LoopOptions, Outcome, Part, base_scores, close_loop, fit_only, problems, resume_loop,
+};
 pub use score::{Invariance, PartValue, Score, ScoreTable, Subset, Untested};
 pub use verdict::{ReasonCode, Verdict, size_in_words};

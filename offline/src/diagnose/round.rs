@@ -8,7 +8,7 @@ use super::refits::Refits;
 use super::rounds::{Bench, LoopOptions};
 use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested, discretisation_mm};
 use crate::effects;
-use crate::fit::{FitError, Library, grid_errors, over_noise};
+use crate::fit::{FitError, Library, over_noise};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
@@ -185,7 +185,8 @@ fn tell(table: &ScoreTable, progress: &dyn Fn(&str)) {
     }
 }
 
-fn score(
+/// Scores every effect that a model lacks, and the slopes of the whole library at it.
+pub(super) fn score(
     bench: &Bench,
     structure: &Structure,
     theta: &[f64],
@@ -200,7 +201,7 @@ fn score(
     }
     let (library, difference) = rayon::join(
         || bench.fit.library(structure, theta, &asked),
-        || grid_errors([&bench.fit, &bench.finer], structure, theta),
+        || bench.grid_errors(structure, theta),
     );
     let (library, difference) = (library?, difference?);
     let evaluation = &library.evaluation;

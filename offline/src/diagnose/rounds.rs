@@ -6,15 +6,15 @@ use super::conclude::{Facts, conclude};
 use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::{Noise, NoiseSource};
-use super::round::Round;
-use super::score::{Invariance, discretisation_mm, invariances};
+use super::round::{Round, score};
+use super::score::{Invariance, ScoreTable, discretisation_mm, invariances};
 use super::verdict::{ReasonCode, Verdict};
 use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitOptions, FitResult, FrameShare, Library, Problem, Resolution, covariance,
-    estimates_within, fit, fit_from, grid_errors, grid_shift, over_noise,
+    Evaluation, FitError, FitOptions, FitResult, FrameShare, GridError, Library, Problem, Resolution,
+    covariance, estimates_within, fit, fit_from, grid_errors, grid_shift, over_noise,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -53,7 +53,7 @@ pub enum Part {
     Whitening,
     /// The cameras' pose is free in every score, and no effect is blamed for it.
     Nuisances,
-    /// An effect has to stay the same on a finer grid.
+    /// A finer grid tells what of the residual may be the simulation's own error, and an effect has to stay the same on it.
     Refinement,
 }
 
@@ -151,6 +151,8 @@ pub(super) struct Bench<'a> {
     pub(super) finer: Problem<'a>,
     /// The finer grid where it judges.
     held_out_finer: Problem<'a>,
+    /// Whether the simulation's own error is asked for.
+    compares_grids: bool,
     pub(super) noise: Noise,
 }
 
@@ -168,7 +170,30 @@ impl<'a> Bench<'a> {
             fit,
             held_out,
             noise: Noise::DECLARED,
+            compares_grids: options.without != Some(Part::Refinement),
         })
+    }
+
+    /// The simulation's own error where it fits; none where the method is to know nothing of it.
+    pub(super) fn grid_errors(
+        &self,
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Vec<GridError>, FitError> {
+        self.errors_between([&self.fit, &self.finer], structure, theta)
+    }
+
+    fn errors_between(
+        &self,
+        grids: [&Problem; 2],
+        structure: &Structure,
+        theta: &[f64],
+    ) -> Result<Vec<GridError>, FitError> {
+        if self.compares_grids {
+            grid_errors(grids, structure, theta)
+        } else {
+            Ok(Vec::new())
+        }
     }
 
     /// As [`Noise::slight_doubt`] says of what a fit leaves.
@@ -203,7 +228,7 @@ impl<'a> Bench<'a> {
     fn excused_mm(&self, structure: &Structure, fitted: &FitResult) -> Result<[f64; 2], FitError> {
         let theta = &fitted.best.theta;
         let there = self.held_out.evaluate(structure, theta)?;
-        let errors = grid_errors([&self.held_out, &self.held_out_finer], structure, theta)?;
+        let errors = self.errors_between([&self.held_out, &self.held_out_finer], structure, theta)?;
         let spread = &there.jacobian * covariance(&fitted.best, structure);
         let mean = spread.component_mul(&there.jacobian).sum() / there.len() as f64;
         Ok([
@@ -222,7 +247,7 @@ impl<'a> Bench<'a> {
         if structure.effects.is_empty() {
             return Vec::new();
         }
-        let Ok(errors) = grid_errors([&self.fit, &self.finer], structure, &best.theta) else {
+        let Ok(errors) = self.grid_errors(structure, &best.theta) else {
             return Vec::new();
         };
         let errors = over_noise(best, &errors);
@@ -321,6 +346,26 @@ fn fit_base(
     bench.set_noise(noise, options);
     base.best.set_noise_scale(noise.scale);
     Ok((base, noise))
+}
+
+/// Scores of the whole library on the base model of a loop over the same data with the same options, where the loop had no
+/// need of them too.
+///
+/// # Errors
+/// The base model cannot be simulated on the finer grid or with slopes.
+pub fn base_scores(
+    demos: &[&Demo],
+    held_out: &[&Demo],
+    outcome: &Outcome,
+    options: &LoopOptions,
+) -> Result<ScoreTable, FitError> {
+    let mut bench = Bench::new(demos, held_out, options)?;
+    let base = &outcome.base.best;
+    bench.fit.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    let noise = Noise::measured(&bench.fit, base);
+    bench.set_noise(noise, options);
+    bench.settle(&base.theta)?;
+    Ok(score(&bench, &Structure::default(), &base.theta, options)?.0)
 }
 
 /// Runs the loop. `progress` hears one line per step.
@@ -456,5 +501,28 @@ impl Bench<'_> {
     /// The evaluation at a known optimum, with the noise as it is set now.
     pub(super) fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
         fit_from(&self.fit, structure, theta.to_vec(), 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::revise::tests::{YOUNG_PA, options, recorded};
+    use super::*;
+
+    /// What the benchmark leaves out to see what it is worth.
+    #[test]
+    fn without_a_finer_grid_noise_alone_makes_the_thresholds() {
+        let demos = recorded(&[]);
+        let theta = [YOUNG_PA.ln(), 0.3];
+        let table = |without: Option<Part>| {
+            let options = LoopOptions { without, ..options() };
+            let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+            score(&bench, &Structure::default(), &theta, &options).unwrap().0
+        };
+        let [whole, part] = [None, Some(Part::Refinement)].map(table);
+        assert!(whole.discretisation_mm > 0.0 && part.discretisation_mm == 0.0);
+        let thresholds = |table: &ScoreTable| table.scores.iter().map(|score| score.threshold).sum::<f64>();
+        assert!(thresholds(&part) < thresholds(&whole));
+        assert_eq!(part.scores.len(), whole.scores.len());
     }
 }

@@ -66,8 +66,11 @@ fn differences(usual: &[Rollout<f32>], other: &[Rollout<f32>], scale: f64) -> Ve
     usual.iter().zip(other).map(of_rollout).collect()
 }
 
-/// The errors along the direction of each row of an evaluation, over its standard error.
+/// The errors along the direction of each row of an evaluation, over its standard error; nothing where none are given.
 pub fn over_noise(evaluation: &Evaluation, errors: &[GridError]) -> DVector<f64> {
+    if errors.is_empty() {
+        return DVector::zeros(evaluation.len());
+    }
     let of_demo = |(rows, error): (&Vec<Row>, &GridError)| -> Vec<f64> {
         let along = |row: &Row| {
             let error = interpolate(&error.frames[row.frame], bracket(&error.arcs_m, row.arc_m));

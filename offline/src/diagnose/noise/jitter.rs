@@ -4,7 +4,7 @@
 //! together in time loses as well, so this is a lower bound; what is left of fast motion adds, which is why the quieter
 //! quarter of the differences is asked.
 
-use super::{Noise, NoiseSource, offset_along};
+use super::{Noise, NoiseSource, in_frame, offset_along};
 use crate::fit::{Evaluation, Problem};
 use crate::observe::Row;
 
@@ -58,8 +58,7 @@ fn third_differences(rows: &[Row], times_s: &[f64], scale: f64) -> Vec<f64> {
             if !evenly_spaced(&times_s[first..first + 4]) {
                 continue;
             }
-            let axes = at.iter().filter(|row| row.frame == first);
-            squares.extend(axes.filter_map(|axis| {
+            squares.extend(in_frame(&at, first).iter().filter_map(|axis| {
                 let (mut difference_m, mut variance) = (0.0, 0.0);
                 for (k, weight) in WEIGHTS.iter().enumerate() {
                     let (offset_m, square) = offset_along(&at, &axis.direction, first + k)?;

@@ -19,8 +19,8 @@ use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
 use serde::{Deserialize, Serialize};
 
-/// Fewest frames at rest from which noise is measured.
-const MIN_REST_FRAMES: usize = 4;
+/// Fewest frames at rest, or in a row that both of two recordings saw, from which noise is measured.
+const MIN_FRAMES: usize = 4;
 /// Correlations that are tried: 0, 0.01, … up to this one.
 const MOST_ALIKE: f64 = 0.95;
 
@@ -63,7 +63,7 @@ impl NoiseSource {
         match self {
             Self::Declared => "it is declared to be",
             Self::Rest => "frames at rest scatter by",
-            Self::Repeats => "recordings of the same motion differ by",
+            Self::Repeats => "recordings of the same motion scatter by",
             Self::Jitter => "offsets jitter from frame to frame by at least",
         }
     }
@@ -125,7 +125,7 @@ impl Noise {
         let mut series = Vec::new();
         for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
             let frames = demo.rest_frames(&scene.frame_times_s);
-            if frames >= MIN_REST_FRAMES {
+            if frames >= MIN_FRAMES {
                 let stations = station_arcs_m(demo).len();
                 series.extend(rest_series(rows, (frames, stations), problem.noise_scale));
             }
@@ -267,7 +267,7 @@ fn rest_series(rows: &[Row], (frames, stations): (usize, usize), scale: f64) -> 
 /// it. What was measured, not how far it lies from the model: a simulated rope that settles meanwhile is no noise.
 fn place(at: &[&Row], axis: &Row, frame: usize) -> Option<(f64, f64)> {
     let (offset_m, variance) = offset_along(at, &axis.direction, frame)?;
-    let predicted = at.iter().find(|row| row.frame == frame)?;
+    let predicted = in_frame(at, frame).first()?;
     let predicted_m = alike(&predicted.position_m, &axis.direction);
     Some((predicted_m + offset_m, variance.sqrt()))
 }
@@ -276,13 +276,20 @@ fn place(at: &[&Row], axis: &Row, frame: usize) -> Option<(f64, f64)> {
 /// where it was not seen along it. Offsets are added as vectors, for directions may turn a little from frame to frame.
 fn offset_along(at: &[&Row], direction: &[f64; 3], frame: usize) -> Option<(f64, f64)> {
     let (mut offset_m, mut variance, mut seen) = (0.0, 0.0, 0.0);
-    for row in at.iter().filter(|row| row.frame == frame) {
+    for row in in_frame(at, frame) {
         let share = alike(&row.direction, direction);
         offset_m += row.offset_m * share;
         variance += (row.sigma_m * share).powi(2);
         seen += share * share;
     }
     (seen > SEEN).then_some((offset_m, variance))
+}
+
+/// Those of some rows, in the order of their frames as measured, that are of one frame.
+fn in_frame<'s, 'r>(at: &'s [&'r Row], frame: usize) -> &'s [&'r Row] {
+    let from = at.partition_point(|row| row.frame < frame);
+    let to = at.partition_point(|row| row.frame <= frame);
+    &at[from..to]
 }
 
 fn alike(a: &[f64; 3], b: &[f64; 3]) -> f64 {

@@ -2,7 +2,7 @@
 //!
 //! Offsets from a model are compared, each at its own time: what the model is off by is the same in both.
 
-use super::{Series, offset_along};
+use super::{MIN_FRAMES, Series, in_frame, offset_along};
 use crate::demo::{Demo, pose_at};
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
@@ -88,10 +88,9 @@ fn differences(
     };
     let (mut found, mut frame) = (Vec::new(), 0);
     while frame < times_s.len() {
-        let axes = here.iter().filter(|row| row.frame == frame);
-        let runs: Vec<Series> = axes.map(|axis| from(axis)).collect();
+        let runs: Vec<Series> = in_frame(&here, frame).iter().map(|axis| from(axis)).collect();
         frame += runs.iter().map(|run| run.places.len()).fold(1, usize::max);
-        found.extend(runs.into_iter().filter(|run| !run.places.is_empty()));
+        found.extend(runs.into_iter().filter(|run| run.places.len() >= MIN_FRAMES));
     }
     found
 }
