@@ -23,16 +23,16 @@ impl MotionLimits {
     };
 }
 
-/// Share of the way from rest to rest at the share `u` of the time: the minimum-jerk polynomial 10u³ − 15u⁴ + 6u⁵ (Flash
-/// and Hogan 1985).
+/// Share of the way at the share `u` of the time.
 fn minimum_jerk(u: f64) -> f64 {
     u * u * u * (10.0 + u * (6.0 * u - 15.0))
 }
 
-/// Peaks of that polynomial's derivatives: speed 15/8, acceleration 10/√3, jerk 60.
+/// Peaks of the derivatives of [`MinimumJerk`]'s polynomial: speed 15/8, acceleration 10/√3, jerk 60.
 pub const MINIMUM_JERK_PEAKS: [f64; 3] = [1.875, 5.773502691896258, 60.0];
 
-/// The time law of a motion from rest to rest by [`minimum_jerk`].
+/// The time law of a motion from rest to rest: the minimum-jerk polynomial 10u³ − 15u⁴ + 6u⁵ of the share u of the time (Flash
+/// and Hogan 1985).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MinimumJerk {
     duration_s: f64,

@@ -78,6 +78,7 @@ fn wrongly_scored(pairs: &[[&Answer; 2]], words: &str) -> Line {
 
 #[cfg(test)]
 mod tests {
+    use super::super::run::Said;
     use super::super::tally::tally;
     use super::super::tally::tests::answer;
     use super::*;
@@ -87,7 +88,7 @@ mod tests {
         let mut answers = Vec::new();
         for seed in 0..40 {
             let mut plain = answer(&[], 0.0, &[], &[]);
-            plain.cell.seed = seed;
+            (plain.cell.seed, plain.said) = (seed, Said::Nothing);
             let mut alarmed = answer(&[], 0.0, &["air_drag"], &[]);
             alarmed.cell.seed = seed;
             alarmed.cell.without = Some(Part::Whitening);

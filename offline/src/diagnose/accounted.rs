@@ -49,6 +49,8 @@ pub(super) struct HeldOut {
     pub numerical_mm: f64,
     /// Root mean square of what the standard errors of the final model's parameters let expect there, mm.
     pub uncertain_mm: f64,
+    /// Whether it is a part of what is fitted, and no other demonstration.
+    pub of_the_same: bool,
 }
 
 /// Standard errors by which parameters may be off where what they foresee is judged.
@@ -70,9 +72,14 @@ impl HeldOut {
 
     /// What is left there, for people.
     pub(super) fn in_words(&self) -> String {
+        let what_to_do = if self.of_the_same {
+            " (it may show what the part that is fitted does not: with another recording as --held-out all of this one is fitted)"
+        } else {
+            ""
+        };
         format!(
             "where held out {:.1} mm are left ({:.1} noise floors), more than noise, the simulation's own error and the \
-             parameters' standard errors amount to",
+             parameters' standard errors amount to{what_to_do}",
             self.after.rms_mm, self.after.floors
         )
     }
@@ -84,4 +91,30 @@ pub(super) fn excess_mm(now: &ResidualSummary, doubt: f64) -> f64 {
     (now.rms_mm.powi(2) - (1.0 + doubt) * now.floor_mm.powi(2))
         .max(0.0)
         .sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::conclude::tests::fitted;
+    use super::*;
+    use crate::model::Structure;
+
+    #[test]
+    fn another_recording_is_asked_for_where_none_judges() {
+        let left = |rms_m: f64| ResidualSummary::of(&fitted(&Structure::default(), rms_m).best);
+        let words = |of_the_same: bool| {
+            let held_out = HeldOut {
+                before: left(4e-3),
+                after: left(4e-3),
+                doubt: 0.0,
+                numerical_mm: 0.1,
+                uncertain_mm: 0.1,
+                of_the_same,
+            };
+            assert!(!held_out.foreseen());
+            held_out.in_words()
+        };
+        assert!(words(true).starts_with(&words(false)) && !words(false).contains("--held-out"));
+        assert!(words(true).contains("with another recording as --held-out"));
+    }
 }

@@ -348,6 +348,7 @@ pub(super) mod tests {
                 doubt: 0.0,
                 numerical_mm: discretisation_mm,
                 uncertain_mm,
+                of_the_same: false,
             },
             estimates: &estimates(&after.best, structure),
             rounds: &[fruitless_round(discretisation_mm)],

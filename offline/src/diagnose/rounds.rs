@@ -220,6 +220,7 @@ impl<'a> Bench<'a> {
             doubt: self.doubt(after),
             numerical_mm,
             uncertain_mm,
+            of_the_same: self.fit.frames != FrameShare::All,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What kind of thing an effect changes, asked of the laws that it adds.
 
 use super::problem::Problem;
+use super::share::FrameShare;
 use crate::model::Structure;
 use crate::sim::start::Start;
 use crate::sim::{Physics, Scene};
@@ -54,7 +55,12 @@ impl Problem<'_> {
         } else if !some_hang && turns_in_grip(effect) {
             Some("a rope that lies straight was gripped as it lay")
         } else if opens_late(effect) && self.scenes.iter().all(Scene::holds_throughout) {
-            Some("no clamp lets go in these demonstrations")
+            Some(match self.frames {
+                FrameShare::Fitted => {
+                    "clamps hold in the part that is fitted; with another recording as --held-out all of this one is fitted"
+                }
+                FrameShare::All | FrameShare::HeldOut => "no clamp lets go in these demonstrations",
+            })
         } else if offsets_clocks(effect)
             && starts().all(|start| matches!(start, Start::Moving(_) | Start::Poses(_)))
         {
@@ -62,5 +68,32 @@ impl Problem<'_> {
         } else {
             None
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench_diagnosis::experiment::MOTIONS;
+    use crate::bench_diagnosis::reality::{Finer, Reality};
+    use crate::effects;
+    use crate::fit::Resolution;
+
+    /// The gripper of the benchmark opens at the end, where its recording judges itself.
+    #[test]
+    fn a_late_release_is_told_only_where_clamps_let_go_in_what_counts() {
+        let track = &Finer.tracks(0.6e6, &[], &MOTIONS[..1]).unwrap()[0];
+        let demo = MOTIONS[0].demo(track, 0.001, 1);
+        let problem = Problem::new(&[&demo], Resolution { cells: 1.5 }).unwrap();
+        let untold = |share: FrameShare, id: &str| {
+            let effect = effects::find(id).unwrap();
+            problem.clone().of_share(share).untold(effect)
+        };
+        for share in [FrameShare::All, FrameShare::HeldOut] {
+            assert_eq!(untold(share, "release_delay"), None, "{share:?}");
+        }
+        let why = untold(FrameShare::Fitted, "release_delay").unwrap();
+        assert!(why.contains("--held-out"), "{why}");
+        assert_eq!(untold(FrameShare::Fitted, "gripper_lag"), None);
     }
 }
