@@ -1,6 +1,6 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::accounted::HeldOut;
+use super::accounted::{HeldOut, excess_mm};
 use super::choice::Standing;
 use super::conclude::{Facts, conclude};
 use super::leaner::{Judged, leaner};
@@ -321,7 +321,8 @@ pub fn fit_only(
     progress("estimating what the grid itself may have moved");
     Ok(BaseFit {
         held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
-        grid_shift: grid_shift(&bench.fit, &structure, &fitted.best)?,
+        // What is left may be what this model lacks.
+        grid_shift: grid_shift(&bench.fit, &structure, &fitted.best, 0.0)?,
         noise_scale: noise.measured_scale(),
         noise_source: noise.source,
         fitted,
@@ -465,7 +466,8 @@ impl Course<'_> {
     fn judge(&self, bench: &Bench, model: Standing) -> Result<Judged, FitError> {
         let (structure, fitted) = (&model.structure, &model.fitted);
         let held_out = bench.held_out.residuals(structure, &fitted.best.theta)?;
-        let grid_shift = grid_shift(&bench.fit, structure, &fitted.best)?;
+        let left_mm = excess_mm(&ResidualSummary::of(&fitted.best), bench.doubt(&fitted.best));
+        let grid_shift = grid_shift(&bench.fit, structure, &fitted.best, 1e-3 * left_mm)?;
         let invariances = bench.invariances((&fitted.best, structure), self.options);
         let (verdict, reasons) = conclude(&Facts {
             structure,

@@ -106,7 +106,7 @@ pub fn fit_clouds(
         ..FitOptions::default()
     };
     let result = fit_starts(&problem, &structure, starts, &options)?;
-    let shift = grid_shift(&problem, &structure, &result.best)?;
+    let shift = grid_shift(&problem, &structure, &result.best, 0.0)?;
     Ok(fitted(&result, &structure, &shift, density))
 }
 

@@ -360,7 +360,7 @@ fn what_noise_does_to_a_start_in_motion_is_in_the_standard_errors() {
         let problem = Problem::new(&[&part], Resolution { cells: CELLS }).unwrap();
         let start = vec![YOUNG_PA.ln(), 0.3, 0.003];
         let found = fit_from(&problem, &structure, start, 15).unwrap().best;
-        let shift = grid_shift(&problem, &structure, &found).unwrap();
+        let shift = grid_shift(&problem, &structure, &found, 0.0).unwrap();
         let found = estimates_within(&found, &structure, &shift);
         for (square, (k, truth)) in squares.iter_mut().zip([(0, YOUNG_PA), (2, 0.0)]) {
             let errors = (found[k].value - truth) / found[k].standard_error;
