@@ -71,8 +71,7 @@ impl fmt::Display for ReasonCode {
                 "HELD OUT LEFT: where held out more is left than noise and what is known to be uncertain"
             }
             Self::Numerical => {
-                "NUMERICAL: what is left is of the size of the discretisation error, which may have moved the parameters by more \
-                 than their standard errors say"
+                "NUMERICAL: what is left is of the size of the discretisation error, for which the standard errors allow"
             }
             Self::NoPureError => "NO PURE ERROR: neither frames at rest nor a repeated recording measured the noise: it is as declared, or as points jitter",
             Self::OneDemonstration => "ONE DEMONSTRATION: fitted on one motion, repeatability is untested",
