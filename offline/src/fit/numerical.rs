@@ -118,24 +118,21 @@ pub fn grid_shift(
     let problem = problem.settled(structure, theta)?;
     let usual = problem.predict_as_begun(structure, theta)?;
     let errors = |other: &[Rollout<f32>]| over_noise(evaluation, &differences(&usual, other, 1.0));
-    let shift = |other: &[Rollout<f32>]| shift_by(evaluation, structure, &errors(other));
+    let shift = |errors: &DVector<f64>| shift_by(evaluation, structure, errors);
     let divided = |divide: &Division| {
         let mut other = problem.clone();
         other.scenes.iter_mut().for_each(divide);
-        let errors = errors(&other.predict(structure, theta)?);
-        let shift = shift_by(evaluation, structure, &errors);
-        Ok((errors, shift))
+        Ok(errors(&other.predict(structure, theta)?))
     };
-    let (errors_of_grid, of_grid): (Vec<DVector<f64>>, Vec<Vec<f64>>) = DIVISIONS
+    let errors_of_grid: Vec<DVector<f64>> = DIVISIONS
         .par_iter()
         .map(divided)
-        .collect::<Result<Vec<_>, FitError>>()?
-        .into_iter()
-        .unzip();
+        .collect::<Result<_, FitError>>()?;
+    let of_grid: Vec<Vec<f64>> = errors_of_grid.iter().map(shift).collect();
     let scale = shown_scale(evaluation, &errors_of_grid[0], &of_grid[0], excess_m);
     let beyond = (scale * scale - 0.5).max(0.0);
     let begun = problem.begun_again(structure, theta, &usual)?;
-    let of_start: Vec<Vec<f64>> = begun.iter().map(|other| shift(other)).collect();
+    let of_start: Vec<Vec<f64>> = begun.iter().map(|other| shift(&errors(other))).collect();
     let squares = |shifts: &[Vec<f64>], k: usize| shifts.iter().map(|shift| shift[k].powi(2)).sum::<f64>();
     let mean_square = |k: usize| squares(&of_start, k) / of_start.len().max(1) as f64;
     let of_entry =
@@ -147,11 +144,8 @@ pub fn grid_shift(
 /// the parameters do not follow by `shift`; at most what a method of first order has left, see [`grid_errors`].
 fn shown_scale(evaluation: &Evaluation, errors: &DVector<f64>, shift: &[f64], excess_m: f64) -> f64 {
     let not_followed = errors - evaluation.whitened_jacobian() * DVector::from_column_slice(shift);
-    let rows = evaluation.all_rows().zip(&not_followed);
-    let square: f64 = rows.map(|(row, left)| (row.sigma_m * left).powi(2)).sum();
-    let shown_m = (square / evaluation.len() as f64).sqrt();
     if excess_m > 0.0 {
-        (excess_m / shown_m).min(1.0 / (1.0 - 1.0 / FINER))
+        (excess_m / evaluation.rms_of_m(&not_followed)).min(1.0 / (1.0 - 1.0 / FINER))
     } else {
         0.0
     }

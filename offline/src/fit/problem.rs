@@ -570,6 +570,13 @@ impl Evaluation {
         columns
     }
 
+    /// Root mean square of a number per row that is over the row's standard error, m.
+    pub fn rms_of_m(&self, over_noise: &DVector<f64>) -> f64 {
+        let rows = self.all_rows().zip(over_noise);
+        let square: f64 = rows.map(|(row, value)| (row.sigma_m * value).powi(2)).sum();
+        (square / self.len() as f64).sqrt()
+    }
+
     /// Root mean square of the offsets, m.
     pub fn rms_m(&self) -> f64 {
         (self.all_rows().map(|r| r.offset_m * r.offset_m).sum::<f64>() / self.len() as f64).sqrt()

@@ -376,8 +376,8 @@ pub(super) mod tests {
         ..Noise::DECLARED
     };
 
-    const FRAMES: usize = 60;
-    const STATIONS: usize = 16;
+    pub const FRAMES: usize = 60;
+    pub const STATIONS: usize = 16;
 
     /// What is seen of a rope in its first frames under this noise.
     pub fn rows_of(noise: &[Vec<[f64; 3]>], frames: usize) -> Vec<Row> {

@@ -110,15 +110,13 @@ fn nearest(times_s: &[f64], t_s: f64) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::rows_of;
+    use super::super::tests::{FRAMES, STATIONS, rows_of};
     use super::super::{Noise, NoiseSource};
     use super::*;
     use crate::bench_diagnosis::noise::correlated;
     use crate::demo::{Demo, Observations};
     use std::path::Path;
 
-    const FRAMES: usize = 60;
-    const STATIONS: usize = 16;
     const PERIOD_S: f64 = 0.03;
 
     /// Two recordings of noise of twice the declared size with correlations 0.6 and 0.7, not in step, of a rope that the model

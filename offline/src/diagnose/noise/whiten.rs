@@ -86,13 +86,10 @@ fn predecessors(
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{LIKE_THE_BENCHMARKS, rows_of};
+    use super::super::tests::{FRAMES, LIKE_THE_BENCHMARKS, STATIONS, rows_of};
     use super::*;
     use crate::bench_diagnosis::noise::correlated;
     use nalgebra::DVector;
-
-    const FRAMES: usize = 60;
-    const STATIONS: usize = 16;
 
     /// After whitening with the true correlations the noise has unit variance and no neighbours alike.
     #[test]

@@ -474,10 +474,7 @@ pub(super) fn discretisation_mm(
     let precisions: Vec<f64> = structure.parameters().iter().map(precision).collect();
     let slopes = evaluation.whitened_jacobian();
     let own = slopes.columns(0, precisions.len()).into_owned();
-    let left = Projector::new(own, &precisions).remove_vector(over_noise);
-    let rows = evaluation.all_rows().zip(&left);
-    let square: f64 = rows.map(|(row, left)| (row.sigma_m * left).powi(2)).sum();
-    1e3 * (square / evaluation.len() as f64).sqrt()
+    1e3 * evaluation.rms_of_m(&Projector::new(own, &precisions).remove_vector(over_noise))
 }
 
 fn precision(info: &ParameterInfo) -> f64 {
