@@ -26,6 +26,7 @@ pub mod run_files;
 pub mod sim;
 pub mod statistics;
 pub mod swing;
+pub mod tell;
 mod toml_lines;
 #[cfg(feature = "train")]
 pub mod train;

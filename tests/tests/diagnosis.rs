@@ -169,7 +169,7 @@ fn what_nothing_explains_is_described_as_a_force() {
     let demo = motion.demo(&track, 0.001, 1);
     let mut options = LoopOptions::new(Resolution { cells: 1.5 }, 1);
     options.hidden = (0..effects::ALL.len()).collect();
-    let outcome = close_loop(&[&demo], &[], &options, &|line| println!("{line}")).unwrap();
+    let outcome = close_loop(&[&demo], &[], &options, &|line: &str| println!("{line}")).unwrap();
     assert!(
         matches!(outcome.verdict, Verdict::Unexplained { .. }),
         "{}",
@@ -203,8 +203,8 @@ fn a_diagnosis_says_what_matters_for_the_swing_and_says_it_again_when_read_back(
     };
     let run = RunFolder::open(&folder.path().join("run")).unwrap();
     let settings = RunSettings::of(Preset::Quick, 1);
-    let made = identify(&inputs, &settings, &run, &|line| println!("{line}")).unwrap();
-    let read = identify(&inputs, &settings, &run, &|line| println!("{line}")).unwrap();
+    let made = identify(&inputs, &settings, &run, &|line: &str| println!("{line}")).unwrap();
+    let read = identify(&inputs, &settings, &run, &|line: &str| println!("{line}")).unwrap();
     let risks = &made.advice.swing.risks;
     // The two of elasticity, and one line for every effect.
     assert_eq!(risks.len(), 2 + effects::ALL.len());

@@ -17,6 +17,7 @@ use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::run_files::{kept, made_by, write_whole};
 use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
+use crate::tell::Silent;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -86,6 +87,9 @@ pub struct Answer {
     /// The same in a motion that neither fit nor choice of the model has seen; none where it could not be simulated.
     #[serde(default)]
     pub sealed_mm: Option<[f64; 3]>,
+    /// The same models, simulated there on a finer grid: what the grid of the fit leaves is no fault of them.
+    #[serde(default)]
+    pub sealed_finer_mm: Option<[f64; 3]>,
     /// Error where fitted, of base model and final model, and the noise floor there, mm.
     pub fitted_mm: [f64; 3],
     /// Discretisation error that the first round estimated, mm.
@@ -249,8 +253,9 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     let start = Instant::now();
     let fit: Vec<&Demo> = fit.iter().collect();
     let held_out: Vec<&Demo> = held_out.iter().filter(|_| !cell.alone).collect();
-    match close_loop(&fit, &held_out, &options, &|_| {}) {
+    match close_loop(&fit, &held_out, &options, &Silent) {
         Ok(outcome) => {
+            let sealed = |grid| sealed_mm(cell, truth, &outcome, grid).ok().flatten();
             let plain = answer(cell, truth, &outcome, start.elapsed().as_secs_f64());
             let significant = match outcome.rounds.first() {
                 Some(round) => Some(significant(&round.table)),
@@ -261,9 +266,8 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
             Answer {
                 significant,
                 follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
-                sealed_mm: sealed_mm(cell, truth, &outcome, options.resolution)
-                    .ok()
-                    .flatten(),
+                sealed_mm: sealed(options.resolution),
+                sealed_finer_mm: sealed(options.finer),
                 ..plain
             }
         }
@@ -312,6 +316,7 @@ fn failed(cell: &Cell, truth: &Truth, words: String, wall_s: f64) -> Answer {
         values: Vec::new(),
         held_out_mm: [0.0; 3],
         sealed_mm: None,
+        sealed_finer_mm: None,
         fitted_mm: [0.0; 3],
         discretisation_mm: 0.0,
         significant: None,
@@ -356,6 +361,7 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         set,
         held_out_mm: errors_mm([&outcome.held_out_before, &outcome.held_out_after]),
         sealed_mm: None,
+        sealed_finer_mm: None,
         fitted_mm: errors_mm([&outcome.base.best, &outcome.fitted.best]),
         discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
         significant: None,

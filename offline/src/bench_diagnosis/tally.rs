@@ -136,8 +136,8 @@ fn covers(value: &Value) -> bool {
 
 /// Share of the excess over the noise that the final model takes away in the motion that chose nothing; none where there
 /// is no excess.
-fn excess_removed(answer: &Answer) -> Option<f64> {
-    let [before, after, floor] = answer.sealed_mm?.map(|mm| mm * mm);
+fn excess_removed(sealed_mm: Option<[f64; 3]>) -> Option<f64> {
+    let [before, after, floor] = sealed_mm?.map(|mm| mm * mm);
     (before > floor).then(|| (before - after) / (before - floor))
 }
 
@@ -172,6 +172,14 @@ fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool)
         figure: Figure::Number(middle, count),
         met: middle.map(met),
         sure: true,
+    }
+}
+
+fn untargeted(what: &str, values: Vec<f64>) -> Line {
+    Line {
+        target: None,
+        met: None,
+        ..number(what, "", values, |_| true)
     }
 }
 
@@ -286,8 +294,15 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
         number(
             "excess removed by the right effect in a sealed motion, median share",
             "at least 90 %",
-            right.iter().filter_map(|a| excess_removed(a)).collect(),
+            right.iter().filter_map(|a| excess_removed(a.sealed_mm)).collect(),
             |m| m >= 0.9,
+        ),
+        untargeted(
+            "the same of the same models on a finer grid",
+            right
+                .iter()
+                .filter_map(|a| excess_removed(a.sealed_finer_mm))
+                .collect(),
         ),
     ]
 }
@@ -409,6 +424,7 @@ pub(super) mod tests {
             values: Vec::new(),
             held_out_mm: [5.0, 1.2, 1.0],
             sealed_mm: Some([5.0, 1.2, 1.0]),
+            sealed_finer_mm: Some([5.0, 1.1, 1.0]),
             fitted_mm: [5.0, 1.2, 1.0],
             discretisation_mm: 0.1,
             significant: None,
@@ -459,6 +475,7 @@ pub(super) mod tests {
         let broken = Answer {
             said: Said::Failed,
             sealed_mm: None,
+            sealed_finer_mm: None,
             ..answer(&[], 0.0, &[], &[])
         };
         vec![
@@ -544,5 +561,10 @@ pub(super) mod tests {
             panic!("no share")
         };
         assert!((removed - 23.56 / 24.0).abs() < 1e-12);
+        let finer = line(&tally, "the same of the same models");
+        let Figure::Number(Some(removed), 1) = finer.figure else {
+            panic!("no share")
+        };
+        assert!((removed - 23.79 / 24.0).abs() < 1e-12 && finer.met.is_none());
     }
 }

@@ -1,9 +1,10 @@
 //! Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere.
 
 use super::output::note;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use offline::collect::Progress;
 use offline::countdown::in_words;
+use offline::tell::Tell;
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -20,6 +21,24 @@ struct State {
     stage_start: Instant,
     last_line_s: f64,
     bar: Option<ProgressBar>,
+}
+
+/// The time left, which nobody knows before a piece has ended.
+fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    if state.pos() > 0 {
+        // What a bar shows cannot fail to be written, and nobody could be told of it.
+        let _ = write!(out, ", {:#} left", HumanDuration(state.eta()));
+    }
+}
+
+impl Tell for Reporter {
+    fn say(&self, line: &str) {
+        self.say(line);
+    }
+
+    fn advance(&self, progress: Progress) {
+        self.show(progress, false);
+    }
 }
 
 /// Seconds between plain lines of one stage.
@@ -54,8 +73,12 @@ impl Reporter {
         note(format_args!("[{:6.1} s] {line}", self.elapsed_s()));
     }
 
-    /// Work of which the total is known.
+    /// Work of which the total is known; where lines are shown, the first says how much there is to do.
     pub fn advance(&self, progress: Progress) {
+        self.show(progress, true);
+    }
+
+    fn show(&self, progress: Progress, announced: bool) {
         let mut state = self.lock();
         if state.stage != progress.stage || progress.done <= 1 && progress.total > 1 {
             if let Some(bar) = state.bar.take() {
@@ -65,12 +88,13 @@ impl Reporter {
             state.stage_start = Instant::now();
             state.last_line_s = self.elapsed_s();
             if self.terminal {
-                let style = ProgressStyle::with_template("{msg:>12} [{bar:32}] {pos}/{len}, {eta} left")
-                    .expect("the template is a constant");
+                let style = ProgressStyle::with_template("{msg:>12} [{bar:32}] {pos}/{len}{left}")
+                    .expect("the template is a constant")
+                    .with_key("left", left);
                 let bar = ProgressBar::new(progress.total as u64).with_style(style);
                 bar.set_message(progress.stage);
                 state.bar = Some(bar);
-            } else {
+            } else if announced {
                 note(format_args!(
                     "[{:6.1} s] {}: {} to do",
                     self.elapsed_s(),

@@ -137,9 +137,7 @@ struct Job<'a> {
 impl Job<'_> {
     /// The base model's fit alone, and whether it left files.
     fn fit(&self) -> anyhow::Result<(Summary, bool)> {
-        let (base, wrote) = fit(&self.inputs, &self.settings, &self.run, &|line| {
-            self.reporter.say(line)
-        })?;
+        let (base, wrote) = fit(&self.inputs, &self.settings, &self.run, &self.reporter)?;
         let estimates = base.estimates();
         say_estimates(&estimates, &self.reporter);
         let held_out = ResidualSummary::of(&base.held_out);
@@ -220,7 +218,7 @@ impl Job<'_> {
     /// The diagnosis and what comes after it; the hash of the rollouts where there are any.
     fn beyond_fit(&self, last: Stage) -> anyhow::Result<(Summary, Option<u64>)> {
         let (run, reporter) = (&self.run, &self.reporter);
-        let identified = identify(&self.inputs, &self.settings, run, &|line| reporter.say(line))?;
+        let identified = identify(&self.inputs, &self.settings, run, reporter)?;
         say_identified(&identified, reporter);
         let outcome = &identified.outcome;
         self.warn_of_valleys(&outcome.base);

@@ -6,6 +6,7 @@ use super::choice::{Tried, ahead_of_all_that_passed};
 use super::refits::{HOPELESS, REFIT_EVALUATIONS, Refits};
 use super::score::Subset;
 use crate::fit::{Budget, Descent, StopReason};
+use crate::tell::{Pieces, Tell};
 use rayon::prelude::*;
 
 /// Sizes of an effect, as multiples of the one-step estimate, at which refits start again where none explains what is
@@ -81,7 +82,7 @@ impl<'a> Refits<'a> {
         &self,
         mut tried: Vec<(&Subset, Tried)>,
         batch: &Batch,
-        progress: &dyn Fn(&str),
+        progress: &dyn Tell,
     ) -> Vec<Tried> {
         let ahead = ahead_of_all_that_passed(tried.iter().map(|(_, tried)| tried));
         let wronged = tried.iter_mut().zip(ahead);
@@ -91,7 +92,7 @@ impl<'a> Refits<'a> {
             .collect();
         if !wronged.is_empty() {
             let names: Vec<String> = wronged.iter().map(|(candidate, _)| candidate.name()).collect();
-            progress(&format!(
+            progress.say(&format!(
                 "no likelier one passed: going on with {}",
                 names.join(", ")
             ));
@@ -100,6 +101,7 @@ impl<'a> Refits<'a> {
             least: f64::INFINITY,
             ..*batch
         };
+        let pieces = Pieces::of(progress, "refits", wronged.len());
         wronged.into_par_iter().for_each(|(candidate, tried)| {
             let budget = Budget {
                 evaluations: 2 * REFIT_EVALUATIONS,
@@ -107,6 +109,7 @@ impl<'a> Refits<'a> {
             };
             let theta = tried.fitted.best.theta.clone();
             self.again((*candidate, tried), &theta, budget, batch);
+            pieces.ended(());
         });
         tried.into_iter().map(|(_, tried)| tried).collect()
     }
@@ -119,6 +122,7 @@ mod tests {
     use super::super::score::{Score, ScoreTable};
     use super::*;
     use crate::bench_diagnosis::reality::part;
+    use crate::tell::Silent;
 
     /// Seen on the benchmark: a tip mass was never found where a density gradient was, from a model that was far off.
     #[test]
@@ -187,7 +191,7 @@ mod tests {
                 (rival.refit.passed, rival.refit.held_out.rms_mm) = (true, held_out_mm);
                 tried.push((&drag, rival));
             }
-            refits.followed(tried, &Batch::of(&[]), &|_| ()).swap_remove(0)
+            refits.followed(tried, &Batch::of(&[]), &Silent).swap_remove(0)
         };
         for rival in [None, Some(1e3)] {
             let followed = beside(rival);

@@ -10,6 +10,7 @@ use crate::effects;
 use crate::fit::{Descent, Evaluation, FitError, FitResult, estimates};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
+use crate::tell::Tell;
 use nalgebra::DVector;
 
 /// Standard deviation of how a rig was set up, in smallest sizes of interest: a table level to three degrees, cameras
@@ -93,13 +94,13 @@ impl Choice {
         now: &Standing,
         mut tried: Vec<Tried>,
         options: &LoopOptions,
-        progress: &dyn Fn(&str),
+        progress: &dyn Tell,
     ) {
         share_significance(&mut tried);
         sort_by_likelihood(&mut tried);
         if !tried.is_empty() {
             let leave: Vec<String> = tried.iter().map(|t| t.refit.in_brief()).collect();
-            progress(&format!(
+            progress.say(&format!(
                 "they leave (fitted, held out, mm): {}",
                 leave.join("; ")
             ));
@@ -149,20 +150,20 @@ pub(super) fn last_gates(
     added: &[String],
     before: &ResidualSummary,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Vec<Gate> {
     let name = effects::together(added);
     let mut gates = Vec::new();
     if options.without != Some(Part::Refinement) {
-        progress(&format!("checking {name} on a finer grid"));
+        progress.say(&format!("checking {name} on a finer grid"));
         gates = refine(bench, model, added, before).unwrap_or_else(|error| vec![not_refined(&error)]);
     }
     if added.len() > 1 && gates.iter().all(|gate| gate.passed) {
-        progress(&format!("asking whether {name} are all needed"));
+        progress.say(&format!("asking whether {name} are all needed"));
         gates.push(superfluous(&needs_not(bench, model, added)));
     }
     for failed in gates.iter().filter(|gate| !gate.passed) {
-        progress(&format!("not {}: {}", failed.name, failed.detail));
+        progress.say(&format!("not {}: {}", failed.name, failed.detail));
     }
     gates
 }
@@ -286,6 +287,7 @@ pub(super) mod tests {
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::fit::Correlation;
+    use crate::tell::Silent;
 
     /// A refit that leaves `held_out_mm` of ten independent offsets.
     pub(in super::super) fn tried(id: &str, values: &[f64], held_out_mm: f64) -> Tried {
@@ -403,7 +405,7 @@ pub(super) mod tests {
                 accepted: Some((lag.structure.ids(), lag)),
                 ..Choice::default()
             };
-            choice.among(&bench, &now, vec![tried], &options, &|_| ());
+            choice.among(&bench, &now, vec![tried], &options, &Silent);
             choice.accepted.unwrap().1.rivals.len()
         };
         assert_eq!((rivals(0.3), rivals(1.0)), (0, 1));

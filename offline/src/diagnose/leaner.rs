@@ -13,6 +13,7 @@ use super::verdict::{ReasonCode, Verdict};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, estimates_within};
 use crate::model::{Estimate, Structure};
+use crate::tell::Tell;
 
 /// A model and what is concluded of it.
 pub(super) struct Judged {
@@ -64,7 +65,7 @@ pub(super) fn leaner(
     bench: &Bench,
     mut judged: Judged,
     judge: &dyn Fn(Standing) -> Result<Judged, FitError>,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> (Judged, Vec<String>) {
     let mut dropped = Vec::new();
     while judged.explains() {
@@ -76,7 +77,7 @@ pub(super) fn leaner(
                 effects: gone.clone(),
             }
             .ids();
-            progress(&format!(
+            progress.say(&format!(
                 "asking whether {} explains anything",
                 effects::together(&ids)
             ));
@@ -97,6 +98,7 @@ mod tests {
     use super::super::revise::tests::{options, recorded, with};
     use super::*;
     use crate::bench_diagnosis::reality::part;
+    use crate::tell::Silent;
 
     /// A loss of next to nothing beside a tilt goes, but not where the tilt alone explains too little.
     #[test]
@@ -124,7 +126,7 @@ mod tests {
                 })
             };
             let both = judge(with(&bench, &["internal_damping", "tilted_gravity"])).unwrap();
-            let (judged, dropped) = leaner(&bench, both, &judge, &|_| ());
+            let (judged, dropped) = leaner(&bench, both, &judge, &Silent);
             (judged.model.structure.ids(), dropped)
         };
         let names = |ids: &[&str]| ids.iter().map(ToString::to_string).collect::<Vec<_>>();

@@ -14,6 +14,7 @@ use crate::effects;
 use crate::fit::{Budget, Descent, Evaluation, FitError, StopReason, estimates};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
+use crate::tell::{Pieces, Tell};
 use rayon::prelude::*;
 
 /// Most evaluations of a refit: it starts from a one-step estimate.
@@ -84,10 +85,10 @@ impl<'a> Refits<'a> {
     /// those that look like it to first order are among the first. The score holds to first order only: where the base
     /// model is far off, the cause may well be tenth. Where only such pass as leave something, so are those of slight score:
     /// a tilt was taken for a wind, whose slope at rest is next to nothing, and left an eighth of the excess.
-    pub(super) fn leading(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
+    pub(super) fn leading(&self, progress: &dyn Tell) -> Vec<Tried> {
         let [first, others, slight] = &self.batches;
         if self.batches.iter().all(Vec::is_empty) {
-            progress("refitting with nothing: no effect is significant");
+            progress.say("refitting with nothing: no effect is significant");
         }
         let first = Batch {
             go_on: first.len(),
@@ -114,7 +115,7 @@ impl<'a> Refits<'a> {
 
     /// Refits the others alone, for where the finer grid refused what left nothing to them; none where they have had
     /// their refits.
-    pub(super) fn others(&self, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
+    pub(super) fn others(&self, had: &[Refit], progress: &dyn Tell) -> Vec<Tried> {
         let others = self.batches[1].iter();
         let others: Vec<Subset> = others
             .filter(|candidate| had.iter().all(|refit| refit.ids != candidate.ids))
@@ -126,7 +127,7 @@ impl<'a> Refits<'a> {
 
     /// Refits the effects of slight score, for where no other is accepted: damping that only a slope at zero makes strong
     /// had thirteen times the score of a density gradient of 0.8, the cause.
-    pub(super) fn slight(&self, progress: &dyn Fn(&str)) -> Vec<Tried> {
+    pub(super) fn slight(&self, progress: &dyn Tell) -> Vec<Tried> {
         // What failed before is no measure of what is tried because it did.
         let slight = Batch::of(&self.batches[2]);
         let mut tried = self.batch(&slight, progress);
@@ -136,7 +137,7 @@ impl<'a> Refits<'a> {
 
     /// Refits with the best subsets of so many effects, for where no effect passes alone: two causes can hide each other,
     /// as a cable's curl and the mass at its end do. What was refitted with fewer of them is where they may start.
-    pub(super) fn together(&self, members: usize, had: &[Refit], progress: &dyn Fn(&str)) -> Vec<Tried> {
+    pub(super) fn together(&self, members: usize, had: &[Refit], progress: &dyn Tell) -> Vec<Tried> {
         let fits = |candidate: &&Subset| {
             candidate.ids.len() == members
                 && physical_effects(&candidate.added_to(&self.now.structure)) <= self.options.max_effects
@@ -151,33 +152,39 @@ impl<'a> Refits<'a> {
 
     /// Refits side by side. None is followed that does not promise to come near the least cost of them and of what was
     /// tried before.
-    fn batch<'c>(&self, batch: &Batch<'c>, progress: &dyn Fn(&str)) -> Vec<(&'c Subset, Tried)> {
+    fn batch<'c>(&self, batch: &Batch<'c>, progress: &dyn Tell) -> Vec<(&'c Subset, Tried)> {
         if batch.candidates.is_empty() {
             return Vec::new();
         }
         let names: Vec<String> = batch.candidates.iter().map(Subset::name).collect();
-        progress(&format!("refitting with {}", names.join(", ")));
-        let heats = self.heats(batch);
+        progress.say(&format!("refitting with {}", names.join(", ")));
+        let pieces = Pieces::of(progress, "refits", 3 * batch.candidates.len());
+        let heats = self.heats(batch, &pieces);
         let costs = heats.iter().map(|heat| heat.1.cost());
         let batch = &Batch {
             least: costs.fold(batch.least, f64::min),
             ..*batch
         };
-        let ended = heats
-            .into_par_iter()
-            .map(|(candidate, descent)| (candidate, self.to_the_end(candidate, descent, batch)));
+        let ended = heats.into_par_iter().map(|(candidate, descent)| {
+            pieces.ended((candidate, self.to_the_end(candidate, descent, batch)))
+        });
         let mut tried: Vec<(&Subset, Tried)> = self
             .best_to_rest(ended.collect(), batch)
             .into_par_iter()
-            .filter_map(|(candidate, descent)| Some((candidate, self.judge(candidate, descent, batch)?)))
+            .filter_map(|(candidate, descent)| {
+                let judged = pieces.ended(self.judge(candidate, descent, batch));
+                Some((candidate, judged?))
+            })
             .collect();
         if self.starts_are_far(batch) && !tried.iter().any(|(_, tried)| self.explained(tried)) {
-            progress("none of them explains it: starting them elsewhere");
+            progress.say("none of them explains it: starting them elsewhere");
+            let pieces = Pieces::of(progress, "refits", tried.len());
             tried.par_iter_mut().for_each(|(candidate, tried)| {
                 let better = self.restart_elsewhere(candidate, tried.cost, batch);
                 if let Some(better) = better.and_then(|descent| self.judge(candidate, descent, batch)) {
                     *tried = better;
                 }
+                pieces.ended(());
             });
         }
         tried
@@ -217,7 +224,7 @@ impl<'a> Refits<'a> {
     }
 
     /// The first evaluations of refits; where there are more than [`Batch::go_on`], the others do not get all of them.
-    fn heats<'c>(&self, batch: &Batch<'c>) -> Vec<Runner<'c, 'a>> {
+    fn heats<'c>(&self, batch: &Batch<'c>, pieces: &Pieces) -> Vec<Runner<'c, 'a>> {
         let (candidates, go_on) = (batch.candidates, batch.go_on);
         let budget = |candidate: &Subset, evaluations| Budget {
             evaluations,
@@ -229,7 +236,7 @@ impl<'a> Refits<'a> {
             HEAT_EVALUATIONS
         };
         let started = |candidate| {
-            let descent = self.started(candidate, batch, budget(candidate, sprint));
+            let descent = pieces.ended(self.started(candidate, batch, budget(candidate, sprint)));
             Some((candidate, self.failures.heard(candidate, descent)?))
         };
         let mut runners: Vec<Runner> = candidates.par_iter().filter_map(started).collect();
@@ -389,6 +396,7 @@ mod tests {
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::effects;
+    use crate::tell::Silent;
 
     /// Seen on the benchmark: a tilt was accepted for a wind of slight score, which was not refitted.
     #[test]
@@ -403,7 +411,7 @@ mod tests {
                 ..Score::alone(id, statistic, 6.0)
             };
             let table = ScoreTable::of(vec![score("tilted_gravity", 1000.0), score("steady_wind", 50.0)]);
-            let tried = Refits::new(&bench, &now, &table, &options).leading(&|_| ());
+            let tried = Refits::new(&bench, &now, &table, &options).leading(&Silent);
             let left = tried
                 .into_iter()
                 .map(|t| (t.refit.ids[0].clone(), t.refit.passed, t.refit.held_out.rms_mm));

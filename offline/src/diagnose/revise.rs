@@ -10,6 +10,7 @@ use super::rounds::Bench;
 use crate::effects;
 use crate::fit::{Descent, FitError, FitResult, estimates};
 use crate::model::Structure;
+use crate::tell::Tell;
 
 /// A model that was just extended, without those of its earlier effects that it needs no more, and their names: what an
 /// effect took away in place of another it leaves to that one once it is there. What remains costs less than the model
@@ -19,7 +20,7 @@ pub(super) fn needed(
     bench: &Bench,
     before: &Standing,
     mut model: Standing,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> (Standing, Vec<String>) {
     let mut dropped = Vec::new();
     let mut some = before.structure.effects.clone();
@@ -45,14 +46,14 @@ fn spared(
     model: &Standing,
     some: &[usize],
     below: f64,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Option<(Standing, String)> {
     doubtful(model, some).into_iter().find_map(|effect| {
         let id = effects::ALL[effect].id;
-        progress(&format!("asking whether {id} is still needed"));
+        progress.say(&format!("asking whether {id} is still needed"));
         let smaller = without(bench, model, effect)?;
         (smaller.fitted.cost < below).then(|| {
-            progress(&format!("{id} is not needed any more"));
+            progress.say(&format!("{id} is not needed any more"));
             (smaller, id.to_owned())
         })
     })
@@ -64,7 +65,7 @@ pub(super) fn rivals_of_less(
     bench: &Bench,
     model: &Standing,
     rivals: Vec<KeptModel>,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Vec<KeptModel> {
     let mut left: Vec<KeptModel> = Vec::new();
     for rival in rivals {
@@ -137,13 +138,13 @@ pub(super) fn better(
     bench: &Bench,
     last: Standing,
     rounds: &[Round],
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Standing, FitError> {
     let starts = better_starts(&last, rounds);
     if starts.is_empty() {
         return Ok(last);
     }
-    progress("asking whether the model fits better where refits left less");
+    progress.say("asking whether the model fits better where refits left less");
     let start = Descent::at_first(&bench.fit, &last.structure, starts, last.fitted.cost);
     let again = start.map(|start| refitted(start, &last));
     let Some(again) = again.ok().filter(|again| again.cost < last.fitted.cost) else {
@@ -188,6 +189,7 @@ pub(super) mod tests {
     use crate::fit::{Resolution, fit_from};
     use crate::residual::ResidualSummary;
     use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
+    use crate::tell::Silent;
     use std::collections::BTreeMap;
     use std::sync::{Arc, Mutex, OnceLock};
 
@@ -327,7 +329,7 @@ pub(super) mod tests {
         let theta = [YOUNG_PA.ln(), 0.3].into_iter().chain(values).collect();
         let fitted = fit_from(&bench.fit, &structure, theta, REFIT_EVALUATIONS).unwrap();
         let model = Standing::of(&bench, structure, fitted).unwrap();
-        let (model, dropped) = needed(&bench, &before, model, &|_| ());
+        let (model, dropped) = needed(&bench, &before, model, &Silent);
         assert_eq!(model.structure.effects.len() + dropped.len(), 2);
         model.structure.ids()
     }
@@ -354,7 +356,7 @@ pub(super) mod tests {
             rivals: vec![beside_nothing("clock_offset")],
             ..beside_nothing("gripper_lag").again(&bench).unwrap()
         };
-        let (model, dropped) = needed(&bench, &with(&bench, &["tip_mass"]), model, &|_| ());
+        let (model, dropped) = needed(&bench, &with(&bench, &["tip_mass"]), model, &Silent);
         assert_eq!(
             (model.structure.ids(), dropped),
             (vec!["gripper_lag".into()], vec!["tip_mass".into()])

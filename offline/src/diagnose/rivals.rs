@@ -11,6 +11,7 @@ use super::score::{ScoreTable, Subset};
 use crate::effects;
 use crate::fit::estimates;
 use crate::model::Structure;
+use crate::tell::Tell;
 
 /// The rivals of the model `before` that fit as well as the model `next`, which a round made of that, or better, once they
 /// are extended as it was. What was accepted has to pass the gates beside them too. They are not extended by what ties
@@ -21,7 +22,7 @@ pub(super) fn still_rivals(
     next: &Standing,
     round: &Round,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Vec<KeptModel> {
     let Some(extension) = Extension::of(round) else {
         return Vec::new();
@@ -35,10 +36,10 @@ pub(super) fn still_rivals(
     let asked = before.rivals.iter().filter(may);
     let alike = asked.filter_map(|rival| {
         let name = effects::together(&rival.effects);
-        progress(&format!("asking whether {name} does as well with that"));
+        progress.say(&format!("asking whether {name} does as well with that"));
         let one = extension.of_rival(bench, rival, options)?;
         (one.refit.passed && is_physical(&one) && ties(&next.fitted, &one.fitted)).then(|| {
-            progress(&format!("{name} does"));
+            progress.say(&format!("{name} does"));
             KeptModel::of(&Standing::judged(one.structure, one.fitted, one.refit.held_out))
         })
     });
@@ -97,6 +98,7 @@ mod tests {
     use super::super::score::Score;
     use super::*;
     use crate::bench_diagnosis::reality::part;
+    use crate::tell::Silent;
 
     /// Effects of the rivals that are left once a tilt of so many units, with which a wind tied, is joined by a lag.
     fn left(tilt: f64) -> Vec<Vec<String>> {
@@ -118,7 +120,7 @@ mod tests {
             only_numerical: false,
             instead_of: Vec::new(),
         };
-        let rivals = still_rivals(&bench, &before, &next, &round, &options, &|_| ());
+        let rivals = still_rivals(&bench, &before, &next, &round, &options, &Silent);
         rivals.into_iter().map(|rival| rival.effects).collect()
     }
 

@@ -11,6 +11,7 @@ use crate::effects;
 use crate::fit::{FitError, Library, over_noise};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
+use crate::tell::Tell;
 use serde::{Deserialize, Serialize};
 
 /// A full refit with one more effect, or several at once.
@@ -103,14 +104,14 @@ pub(super) fn one_round(
     bench: &Bench,
     now: &Standing,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Turn, FitError> {
     let (structure, fitted) = (&now.structure, &now.fitted);
-    progress("scoring every effect of the library from one pass of tangents");
+    progress.say("scoring every effect of the library from one pass of tangents");
     let (mut table, library) = score(bench, structure, &fitted.best.theta, options)?;
     tell(&table, progress);
     let left_mm = excess_mm(&now.left, bench.doubt(&fitted.best));
-    progress(&format!(
+    progress.say(&format!(
         "{:.2} mm are left where fitted, {left_mm:.2} of them beyond the noise; the simulation's own error there is {:.2} mm",
         now.left.rms_mm, table.discretisation_mm
     ));
@@ -146,7 +147,7 @@ fn refitted(
     now: &Standing,
     table: &mut ScoreTable,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Choice {
     let candidates = Refits::new(bench, now, table, options);
     let mut choice = Choice::default();
@@ -170,11 +171,11 @@ fn refitted(
 }
 
 /// The best scores, for whoever watches.
-fn tell(table: &ScoreTable, progress: &dyn Fn(&str)) {
+fn tell(table: &ScoreTable, progress: &dyn Tell) {
     let tell = |what: &str, all: Vec<Subset>| {
         let told = all.iter().take(LISTED);
         let told = told.map(|c| format!("{} {:.0} (of {:.0})", c.name(), c.statistic, c.threshold));
-        progress(&format!(
+        progress.say(&format!(
             "best {what} (needed): {}",
             told.collect::<Vec<_>>().join(", ")
         ));

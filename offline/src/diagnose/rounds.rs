@@ -14,10 +14,11 @@ use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
     Evaluation, FitError, FitOptions, FitResult, FrameShare, GridError, Library, Problem, Resolution,
-    covariance, estimates_within, fit, fit_from, grid_errors, grid_shift, over_noise,
+    covariance, estimates_within, fit_and_tell, fit_from, grid_errors, grid_shift, over_noise,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
+use crate::tell::Tell;
 use serde::{Deserialize, Serialize};
 
 /// Settings of the loop.
@@ -313,12 +314,12 @@ pub fn fit_only(
     demos: &[&Demo],
     held_out: &[&Demo],
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<BaseFit, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let structure = Structure::default();
     let (fitted, noise) = fit_base(&mut bench, options, None, progress)?;
-    progress("estimating what the grid itself may have moved");
+    progress.say("estimating what the grid itself may have moved");
     Ok(BaseFit {
         held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
         // What is left may be what this model lacks.
@@ -334,17 +335,17 @@ fn fit_base(
     bench: &mut Bench,
     options: &LoopOptions,
     kept: Option<&KeptFit>,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<(FitResult, Noise), FitError> {
     let mut base = match kept {
         Some(kept) => kept.again(&bench.fit)?,
         None => {
-            progress("fitting the base model from several starts");
-            fit(&bench.fit, &Structure::default(), &options.fit)?
+            progress.say("fitting the base model from several starts");
+            fit_and_tell(&bench.fit, &Structure::default(), &options.fit, progress)?
         }
     };
     let noise = Noise::measured(&bench.fit, &base.best);
-    progress(&format!("noise: {}", noise.in_words()));
+    progress.say(&format!("noise: {}", noise.in_words()));
     bench.set_noise(noise, options);
     base.best.set_noise_scale(noise.scale);
     Ok((base, noise))
@@ -378,7 +379,7 @@ pub fn close_loop(
     demos: &[&Demo],
     held_out: &[&Demo],
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Outcome, FitError> {
     resume_loop(demos, held_out, options, None, &|_| (), progress)
 }
@@ -394,7 +395,7 @@ pub fn resume_loop(
     options: &LoopOptions,
     earlier: Option<Memory>,
     keep: &dyn Fn(&Memory),
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Outcome, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let structure = Structure::default();
@@ -418,7 +419,7 @@ pub fn resume_loop(
     };
     let ended = all_rounds(&bench, start, &before, options, &keep, progress)?;
     let (mut rounds, library, stopped) = (ended.rounds, ended.library, ended.stopped);
-    progress("estimating what the grid itself may have moved");
+    progress.say("estimating what the grid itself may have moved");
     let course = Course {
         options,
         before: &before,

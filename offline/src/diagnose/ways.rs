@@ -13,6 +13,7 @@ use crate::effects;
 use crate::fit::{Evaluation, FitError, FitResult, Library};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
+use crate::tell::Tell;
 
 /// How far the loop has come.
 pub(super) struct SoFar {
@@ -42,7 +43,7 @@ pub(super) fn all_rounds(
     before: &ResidualSummary,
     options: &LoopOptions,
     keep: &dyn Fn(&SoFar),
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Ended, FitError> {
     let ended = one_way(bench, at, options, keep, progress)?;
     let other = other_beginning(bench, &ended, before, options, progress);
@@ -54,13 +55,13 @@ pub(super) fn all_rounds(
     let (mut best, other) = match again {
         Ok(Some(again)) if likelier(&again.model, &ended.model) => (again, ended),
         Ok(Some(again)) => {
-            progress("that does no better");
+            progress.say("that does no better");
             (ended, again)
         }
         Ok(None) => return Ok(ended),
         // What the first way found stands.
         Err(error) => {
-            progress(&format!("not to its end: {error}"));
+            progress.say(&format!("not to its end: {error}"));
             return Ok(ended);
         }
     };
@@ -75,7 +76,7 @@ fn other_beginning(
     ended: &Ended,
     before: &ResidualSummary,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Option<SoFar>, FitError> {
     let (Some(kept), Some(first)) = (&ended.other, ended.rounds.first()) else {
         return Ok(None);
@@ -89,7 +90,7 @@ fn other_beginning(
         effects::together(&first.accepted),
         effects::together(&kept.effects),
     );
-    progress(&format!(
+    progress.say(&format!(
         "something is left: beginning with {other}, which passed as well, instead of {one}"
     ));
     let now = kept.again(bench)?;
@@ -121,7 +122,7 @@ fn one_way(
     mut at: SoFar,
     options: &LoopOptions,
     keep: &dyn Fn(&SoFar),
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Result<Ended, FitError> {
     // So it is where a loop goes on that was killed after its last round.
     let found_nothing = |round: &Round| round.accepted.is_empty();
@@ -131,7 +132,7 @@ fn one_way(
     while !done && at.goes_on(bench, options) {
         let mut turn = match one_round(bench, &at.now, options, progress) {
             Err(error) if !at.rounds.is_empty() => {
-                progress(&format!("no further round: {error}"));
+                progress.say(&format!("no further round: {error}"));
                 stopped = true;
                 break;
             }
@@ -216,6 +217,7 @@ mod tests {
     use super::super::score::ScoreTable;
     use super::*;
     use crate::bench_diagnosis::reality::part;
+    use crate::tell::Silent;
 
     /// Seen with three recordings fitted together: what the tip mass left was more than the simulation was off by without
     /// it and less than with it, and every effect was tried for that, alone and together, for four minutes.
@@ -225,7 +227,7 @@ mod tests {
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
         let round = |id: &str| {
-            let turn = one_round(&bench, &with(&bench, &[id]), &options, &|_| ()).unwrap();
+            let turn = one_round(&bench, &with(&bench, &[id]), &options, &Silent).unwrap();
             assert_eq!(turn.next.is_none(), turn.round.accepted.is_empty());
             turn.round
         };
@@ -271,7 +273,7 @@ mod tests {
                 }],
                 other: second.map(|id| KeptModel::of(&model(id))),
             };
-            let ended = all_rounds(&bench, at, &before, &options, &|_| (), &|_| ()).unwrap();
+            let ended = all_rounds(&bench, at, &before, &options, &|_| (), &Silent).unwrap();
             let round = ended.rounds[0].clone();
             (ended.model.structure.ids(), round.accepted, round.instead_of)
         };

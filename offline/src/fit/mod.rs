@@ -25,5 +25,5 @@ pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use share::FrameShare;
-pub use solver::{FitOptions, fit, fit_from, fit_starts};
+pub use solver::{FitOptions, fit, fit_and_tell, fit_from, fit_starts};
 pub use uncertainty::{STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by, tells};

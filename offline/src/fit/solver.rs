@@ -4,6 +4,7 @@ use super::cost::total_cost;
 use super::descent::{Budget, Descent, FitResult};
 use super::problem::{FitError, Problem};
 use crate::model::Structure;
+use crate::tell::{Pieces, Silent, Tell};
 use rayon::prelude::*;
 
 /// Settings of a fit.
@@ -38,8 +39,21 @@ const HOPELESS: f64 = 10.0;
 /// # Errors
 /// No start can be simulated, or too little was measured.
 pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Result<FitResult, FitError> {
+    fit_and_tell(problem, structure, options, &Silent)
+}
+
+/// The same, telling how far it has come.
+///
+/// # Errors
+/// As [`fit`].
+pub fn fit_and_tell(
+    problem: &Problem,
+    structure: &Structure,
+    options: &FitOptions,
+    tell: &dyn Tell,
+) -> Result<FitResult, FitError> {
     let starts = options.starts_pa.iter().map(|&pa| structure.start(pa)).collect();
-    let mut scored = scored(problem, structure, starts);
+    let mut scored = scored(problem, structure, starts, tell);
     let costs: Vec<f64> = scored.iter().map(Result::as_ref).map(cost).collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     for (k, start) in scored.iter_mut().enumerate() {
@@ -50,7 +64,7 @@ pub fn fit(problem: &Problem, structure: &Structure, options: &FitOptions) -> Re
             start.in_valley = is_low && !neighbours.into_iter().flatten().any(lower);
         }
     }
-    follow(scored, structure, options)
+    follow(scored, structure, options, tell)
 }
 
 /// Fits from the given θ and returns the best iterate of all; `options.starts_pa` is not used.
@@ -63,7 +77,12 @@ pub fn fit_starts(
     starts: Vec<Vec<f64>>,
     options: &FitOptions,
 ) -> Result<FitResult, FitError> {
-    follow(scored(problem, structure, starts), structure, options)
+    follow(
+        scored(problem, structure, starts, &Silent),
+        structure,
+        options,
+        &Silent,
+    )
 }
 
 /// A start that can be simulated.
@@ -85,8 +104,10 @@ fn scored<'a>(
     problem: &Problem<'a>,
     structure: &Structure,
     starts: Vec<Vec<f64>>,
+    tell: &dyn Tell,
 ) -> Vec<Result<Scored<'a>, FitError>> {
     let info = structure.parameters();
+    let pieces = Pieces::of(tell, "starts", starts.len());
     let score = |theta: Vec<f64>| {
         let here = problem.settled(structure, &theta)?;
         let residuals = here.residuals_as_begun(structure, &theta)?;
@@ -97,7 +118,8 @@ fn scored<'a>(
             in_valley: false,
         })
     };
-    starts.into_par_iter().map(score).collect()
+    let scored = starts.into_par_iter().map(|theta| pieces.ended(score(theta)));
+    scored.collect()
 }
 
 /// Descends from the best starts, and of the others from as many again for as long as no slope could be found at any.
@@ -105,6 +127,7 @@ fn follow(
     scored: Vec<Result<Scored, FitError>>,
     structure: &Structure,
     options: &FitOptions,
+    tell: &dyn Tell,
 ) -> Result<FitResult, FitError> {
     let (mut starts, mut failure) = (Vec::new(), None);
     for start in scored {
@@ -126,7 +149,9 @@ fn follow(
             let descent = Descent::of(start.here, structure, &start.theta)?;
             Ok(descent.run(options.max_evaluations).finish())
         };
-        let results: Vec<_> = followed.into_par_iter().map(descend).collect();
+        let pieces = Pieces::of(tell, "descents", followed.len());
+        let descents = followed.into_par_iter().map(|start| pieces.ended(descend(start)));
+        let results: Vec<_> = descents.collect();
         for result in results {
             match result {
                 Ok(r) => {

@@ -6,6 +6,7 @@ use crate::diagnose::{BaseFit, LoopOptions, fit_only};
 use crate::fit::{FitResult, StopReason, estimates};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{FileError, RunFolder, write_whole};
+use crate::tell::Tell;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -116,13 +117,13 @@ pub fn refuse_strangers(run: &RunFolder) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// A file cannot be removed.
-pub(super) fn forget_others(run: &RunFolder, key: u64, progress: &dyn Fn(&str)) -> Result<(), FileError> {
+pub(super) fn forget_others(run: &RunFolder, key: u64, progress: &dyn Tell) -> Result<(), FileError> {
     let intervals = [run.profile(), run.base_profile()];
     for path in followers(run) {
         // Intervals say of which fit they are, and take minutes to find anew.
         let stays = intervals.contains(&path) && super::profile::is_of(&path, key);
         if path.exists() && !stays {
-            progress(&format!(
+            progress.say(&format!(
                 "{} is of other data or settings: removed",
                 path.display()
             ));
@@ -141,7 +142,7 @@ pub fn fit(
     inputs: &Inputs,
     settings: &RunSettings,
     run: &RunFolder,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> anyhow::Result<(BaseFit, bool)> {
     let key = inputs.key(settings);
     let diagnosed = super::identify::earlier(run, key).is_some();
@@ -155,7 +156,7 @@ pub fn fit(
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let base = fit_only(&demos, &held_out, &options, progress)?;
     if diagnosed {
-        progress("a diagnosis of the same data is there: its files stay as they are");
+        progress.say("a diagnosis of the same data is there: its files stay as they are");
         return Ok((base, false));
     }
     forget_others(run, key, progress)?;
@@ -181,6 +182,7 @@ pub fn fit(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tell::Silent;
 
     #[test]
     fn what_follows_from_other_data_goes_and_the_policy_stays() {
@@ -191,7 +193,7 @@ mod tests {
         for path in gone.iter().chain(&stay) {
             write_whole(path, b"of other data").unwrap();
         }
-        forget_others(&run, 1, &|_| ()).unwrap();
+        forget_others(&run, 1, &Silent).unwrap();
         assert!(
             gone.iter().all(|path| !path.exists()),
             "it would pass for the new data's"
@@ -206,7 +208,7 @@ mod tests {
         let kept = r#"{"key":7,"effects":[],"theta":[],"whole":true,"profiles":[]}"#;
         for (key, stays) in [(7, true), (8, false)] {
             write_whole(&run.base_profile(), kept.as_bytes()).unwrap();
-            forget_others(&run, key, &|_| ()).unwrap();
+            forget_others(&run, key, &Silent).unwrap();
             assert_eq!(run.base_profile().exists(), stays, "asked for {key}");
         }
     }

@@ -13,6 +13,7 @@ use crate::model::Structure;
 use crate::model_file::ModelFile;
 use crate::residual::{ResidualMap, ResidualSummary};
 use crate::run_files::{RunFolder, kept, read_sealed, seal, write_whole};
+use crate::tell::Tell;
 use serde::{Deserialize, Serialize};
 
 /// What is known about the rope after the first half.
@@ -67,20 +68,20 @@ pub fn identify(
     inputs: &Inputs,
     settings: &RunSettings,
     run: &RunFolder,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> anyhow::Result<Identified> {
     let (demos, held_out) = inputs.members();
     let key = inputs.key(settings);
     let options = LoopOptions::new(settings.resolution(), settings.seed);
     let (outcome, force, advice) = match earlier(run, key) {
         Some((fit, diagnosis)) => {
-            progress("fit and diagnosis are there from an earlier run");
+            progress.say("fit and diagnosis are there from an earlier run");
             restore(&demos, &held_out, &options, fit, diagnosis)?
         }
         None => {
             let mut outcome = diagnosed(&demos, &held_out, &options, (run, key), progress)?;
             // What follows takes minutes of a thick rope.
-            progress(&format!(
+            progress.say(&format!(
                 "found, before what to do next is asked: {}",
                 outcome.verdict
             ));
@@ -127,19 +128,19 @@ fn diagnosed(
     held_out: &[&Demo],
     options: &LoopOptions,
     (run, key): (&RunFolder, u64),
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> anyhow::Result<Outcome> {
     let path = run.memory();
     let earlier = read_sealed(MEMORY, &path).ok();
     let earlier = earlier.and_then(|bytes| postcard::from_bytes::<(u64, Memory)>(&bytes).ok());
     let earlier = earlier.filter(|(of, _)| *of == key).map(|(_, memory)| memory);
     if earlier.is_some() {
-        progress("going on from what an unfinished diagnosis had come to");
+        progress.say("going on from what an unfinished diagnosis had come to");
     }
     let keep = |memory: &Memory| {
         let bytes = postcard::to_stdvec(&(key, memory)).expect("plain numbers and text");
         if let Err(error) = write_whole(&path, &seal(MEMORY, &bytes)) {
-            progress(&format!(
+            progress.say(&format!(
                 "if it is killed now, the diagnosis starts anew: {error}"
             ));
         }
@@ -152,14 +153,14 @@ fn force_left(
     demos: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Option<ResidualForce> {
     if !matches!(outcome.verdict, Verdict::Unexplained { .. }) {
         return None;
     }
-    progress("asking which force along the rope would explain what is left");
+    progress.say("asking which force along the rope would explain what is left");
     residual_force(demos, outcome, options).unwrap_or_else(|error| {
-        progress(&format!("no such force could be found: {error}"));
+        progress.say(&format!("no such force could be found: {error}"));
         None
     })
 }

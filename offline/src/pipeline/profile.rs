@@ -6,6 +6,7 @@ use crate::diagnose::{LoopOptions, problems};
 use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
+use crate::tell::Tell;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -46,7 +47,7 @@ pub fn profile(
     settings: &RunSettings,
     file: &Path,
     (of, asked): (&Profiled, bool),
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> anyhow::Result<Vec<Profile>> {
     let wanted = ProfileFile {
         key: inputs.key(settings),
@@ -66,7 +67,7 @@ pub fn profile(
     if entries.is_empty() {
         return Ok(Vec::new());
     }
-    progress(if asked {
+    progress.say(if asked {
         "following each parameter away from its best value: profile likelihood"
     } else {
         "following what is at the end of its range back, to what it is at least: profile likelihood"
@@ -108,6 +109,7 @@ mod tests {
     use super::*;
     use crate::fit::Evaluation;
     use crate::pipeline::Preset;
+    use crate::tell::Silent;
     use nalgebra::DMatrix;
 
     /// What is kept for a base fit at ln E = `ln_young` when nobody asks for intervals: no demonstration is there that
@@ -153,7 +155,7 @@ mod tests {
         if !file.exists() {
             write_whole(file, &serde_json::to_vec(&wanted).unwrap()).unwrap();
         }
-        profile(&inputs, &settings, file, (&of, false), &|_| ()).unwrap()
+        profile(&inputs, &settings, file, (&of, false), &Silent).unwrap()
     }
 
     #[test]

@@ -31,6 +31,7 @@ use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{Correlation, FitError, Problem};
 use crate::sim::rope::RopeShape;
+use crate::tell::{Pieces, Silent, Tell};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -122,16 +123,16 @@ pub fn advise(
     held_out: &[&Demo],
     outcome: &Outcome,
     options: &LoopOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Tell,
 ) -> Advice {
     match Desk::new(demos, held_out, outcome, options) {
         Ok(desk) => {
-            progress("swinging with every effect as large as these data allow");
+            progress.say("swinging with every effect as large as these data allow");
             let swing = desk
-                .swing_risks(outcome)
+                .swing_risks(outcome, progress)
                 .unwrap_or_else(|error| SwingRisks::missing(error.to_string()));
-            progress("looking for the demonstration that would tell most");
-            let next_demonstration = desk.next(demos[desk.varied], outcome, &swing);
+            progress.say("looking for the demonstration that would tell most");
+            let next_demonstration = desk.next(demos[desk.varied], (outcome, &swing), progress);
             Advice {
                 next_demonstration,
                 swing,
@@ -172,7 +173,7 @@ pub fn separating(
         first_m: &desk.look.first_m,
     };
     Some(match family(demos[desk.varied], places) {
-        Ok(candidates) => desk.tell_apart(&models, &candidates),
+        Ok(candidates) => desk.tell_apart(&models, &candidates, &Silent),
         Err(why) => NextDemonstration::nothing(why.into()),
     })
 }
@@ -214,7 +215,7 @@ impl<'a> Desk<'a> {
     }
 
     /// What every parameter could do to the swing.
-    fn swing_risks(&self, outcome: &Outcome) -> Result<SwingRisks, FitError> {
+    fn swing_risks(&self, outcome: &Outcome, progress: &dyn Tell) -> Result<SwingRisks, FitError> {
         let fitted = Model {
             structure: outcome.structure.clone(),
             theta: outcome.fitted.best.theta.clone(),
@@ -239,11 +240,23 @@ impl<'a> Desk<'a> {
         let rope = &self.problem.demos[0].spec.rope;
         let shape = RopeShape::of_spec(rope);
         let (structure, theta) = (&fitted.structure, &fitted.theta);
-        let risks = SwingRisks::of(shape, structure, theta, self.options.resolution, allowed);
+        let risks = SwingRisks::of(
+            shape,
+            structure,
+            theta,
+            self.options.resolution,
+            allowed,
+            progress,
+        );
         Ok(SwingRisks { unseen, ..risks })
     }
 
-    fn next(&self, demo: &Demo, outcome: &Outcome, swing: &SwingRisks) -> NextDemonstration {
+    fn next(
+        &self,
+        demo: &Demo,
+        (outcome, swing): (&Outcome, &SwingRisks),
+        progress: &dyn Tell,
+    ) -> NextDemonstration {
         let places = Places {
             arcs_m: &self.look.arcs_m,
             first_m: &self.look.first_m,
@@ -254,7 +267,7 @@ impl<'a> Desk<'a> {
         };
         let models = alike(outcome);
         if models.len() > 1 {
-            return self.tell_apart(&models, &candidates);
+            return self.tell_apart(&models, &candidates, progress);
         }
         if matches!(outcome.verdict, Verdict::Unexplained { .. }) {
             return NextDemonstration::nothing(
@@ -265,7 +278,7 @@ impl<'a> Desk<'a> {
             structure: outcome.structure.clone(),
             theta: outcome.fitted.best.theta.clone(),
         };
-        self.narrow(&fitted, swing, &candidates)
+        self.narrow(&fitted, swing, &candidates, progress)
     }
 
     /// Effects that are free in every model, as an unknown that no effect shall be blamed for.
@@ -282,6 +295,7 @@ impl<'a> Desk<'a> {
         models: &[Model],
         nuisances: &[usize],
         candidates: &[Candidate],
+        progress: &dyn Tell,
     ) -> Result<Simulated, FitError> {
         let wide: Vec<Model> = models
             .iter()
@@ -293,14 +307,13 @@ impl<'a> Desk<'a> {
             Ok(Known::new(evaluation, &self.noise, prior_sd))
         });
         let known: Vec<Known> = known.collect::<Result<_, FitError>>()?;
+        let pieces = Pieces::of(progress, "motions", candidates.len());
         let predicted = candidates.par_iter().map(|candidate| {
             let of = |model: &Model| {
                 Predicted::new(candidate, &model.structure, &model.theta, self.options.resolution)
             };
-            wide.par_iter()
-                .map(of)
-                .collect::<Result<Vec<_>, _>>()
-                .map_err(|error| error.to_string())
+            let by_model = wide.par_iter().map(of).collect::<Result<Vec<_>, _>>();
+            pieces.ended(by_model.map_err(|error| error.to_string()))
         });
         Ok(Simulated {
             known,
@@ -309,8 +322,13 @@ impl<'a> Desk<'a> {
     }
 
     /// The motion that tells models apart best.
-    fn tell_apart(&self, models: &[Model], candidates: &[Candidate]) -> NextDemonstration {
-        let simulated = match self.prospects(models, &[], candidates) {
+    fn tell_apart(
+        &self,
+        models: &[Model],
+        candidates: &[Candidate],
+        progress: &dyn Tell,
+    ) -> NextDemonstration {
+        let simulated = match self.prospects(models, &[], candidates, progress) {
             Ok(simulated) => simulated,
             Err(error) => return NextDemonstration::nothing(error.to_string()),
         };
@@ -362,7 +380,13 @@ impl<'a> Desk<'a> {
     }
 
     /// The motion that narrows the effect which matters most for the swing.
-    fn narrow(&self, fitted: &Model, swing: &SwingRisks, candidates: &[Candidate]) -> NextDemonstration {
+    fn narrow(
+        &self,
+        fitted: &Model,
+        swing: &SwingRisks,
+        candidates: &[Candidate],
+        progress: &dyn Tell,
+    ) -> NextDemonstration {
         if let Some(why) = &swing.missing {
             return NextDemonstration::nothing(why.clone());
         }
@@ -390,7 +414,7 @@ impl<'a> Desk<'a> {
         let first = 2 + before.map(|&e| effects::ALL[e].parameters.len()).sum::<usize>();
         let half_width = allowed.half_width();
         let nuisances = self.nuisances(std::slice::from_ref(&model));
-        let simulated = match self.prospects(std::slice::from_ref(&model), &nuisances, candidates) {
+        let simulated = match self.prospects(std::slice::from_ref(&model), &nuisances, candidates, progress) {
             Ok(simulated) => simulated,
             Err(error) => return NextDemonstration::nothing(error.to_string()),
         };

@@ -7,6 +7,7 @@ use crate::fit::Resolution;
 use crate::model::Structure;
 use crate::sim::rope::RopeShape;
 use crate::swing::SimulatedSwing;
+use crate::tell::{Pieces, Tell};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use shared::task::SwingTask;
@@ -142,6 +143,7 @@ impl SwingRisks {
         theta: &[f64],
         resolution: Resolution,
         allowed: Vec<Allowed>,
+        progress: &dyn Tell,
     ) -> Self {
         let fitted = SimulatedSwing {
             rope,
@@ -161,9 +163,10 @@ impl SwingRisks {
         if let (true, Some((_, Err(error)))) = (swings.is_empty(), tried.first()) {
             return Self::missing(format!("this rope cannot make the swing: {error}"));
         }
+        let pieces = Pieces::of(progress, "swings", allowed.len());
         let all: Vec<SwingRisk> = allowed
             .into_par_iter()
-            .map(|allowed| risk(&fitted, base, &swings, allowed))
+            .map(|allowed| pieces.ended(risk(&fitted, base, &swings, allowed)))
             .collect();
         Self {
             releases_m: swings.iter().map(|s| s.0).collect(),
@@ -251,6 +254,7 @@ fn leading(mut all: Vec<SwingRisk>) -> Vec<SwingRisk> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tell::Silent;
 
     fn allowed(id: &str, index: usize, half: f64) -> Allowed {
         let effect = effects::find(id).unwrap();
@@ -290,7 +294,14 @@ mod tests {
                 allowed("air_drag", 0, 0.5),
             ];
             let theta = structure.start(0.9e6);
-            SwingRisks::of(rope, &structure, &theta, Resolution { cells: 1.5 }, allowed)
+            SwingRisks::of(
+                rope,
+                &structure,
+                &theta,
+                Resolution { cells: 1.5 },
+                allowed,
+                &Silent,
+            )
         };
         let (little, much) = (list(0.001), list(0.02));
         let of = |risks: &SwingRisks, id: &str| {
@@ -354,6 +365,7 @@ mod tests {
             &structure.start(0.9e6),
             Resolution { cells: 1.5 },
             Vec::new(),
+            &Silent,
         );
         assert!(found.missing.unwrap().contains("cannot make the swing"));
     }
