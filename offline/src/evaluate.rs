@@ -1,8 +1,9 @@
 //! Evaluation of a policy: its answers are swung, and what they reach is compared with the goals.
 
-use crate::collect::{Progress, Stopped, SwingRefusal, Swinger, Watch, count_refusals, stream};
+use crate::collect::{Stopped, SwingRefusal, Swinger, Watch, count_refusals, stream};
 use crate::paper_units::METRES_PER_UNIT;
 use crate::reach::{Practice, ReachTable};
+use crate::tell::Progress;
 use rand::RngExt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

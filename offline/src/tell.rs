@@ -1,7 +1,19 @@
 //! What long work says while it goes on: a line for every step, and how far a step of so many pieces has come.
 
-use crate::collect::Progress;
 use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// How far a step has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// What is being done.
+    pub stage: &'static str,
+    /// Pieces that have ended or were there: rollouts, in training steps.
+    pub done: usize,
+    /// All of them.
+    pub total: usize,
+    /// Refused rollouts among those done.
+    pub refused: usize,
+}
 
 /// Hears of long work.
 pub trait Tell: Sync {

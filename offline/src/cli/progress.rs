@@ -2,9 +2,8 @@
 
 use super::output::note;
 use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
-use offline::collect::Progress;
 use offline::countdown::in_words;
-use offline::tell::Tell;
+use offline::tell::{Progress, Tell};
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::Instant;

@@ -8,7 +8,7 @@ use super::told::{
 use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
-use offline::collect::{Progress, Watch};
+use offline::collect::Watch;
 use offline::diagnose::NoiseSource;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile, YOUNG};
 use offline::inspect::{inspect, stale};
@@ -22,6 +22,7 @@ use offline::pipeline::{
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
 use offline::run_files::{Fnv64, RunFolder, hex, write_whole};
+use offline::tell::Progress;
 use shared::task::SwingTask;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

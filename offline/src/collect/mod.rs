@@ -16,22 +16,10 @@ pub use shards::{SHARD_ROWS, Shards};
 pub use swinger::{SwingRefusal, Swinger};
 
 use crate::run_files::RunFolder;
+use crate::tell::Progress;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-
-/// How far a piece of work has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
-    /// What is being done.
-    pub stage: &'static str,
-    /// Rollouts made or found on disk; in training, steps.
-    pub done: usize,
-    /// Rollouts in the plan; in training, steps.
-    pub total: usize,
-    /// Refused rollouts among those done.
-    pub refused: usize,
-}
 
 /// The user asked to stop; what is complete is on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,7 +1,8 @@
 //! How long and how fast the networks learn.
 
 use super::TrainError;
-use crate::collect::{Progress, Watch};
+use crate::collect::Watch;
+use crate::tell::Progress;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
 

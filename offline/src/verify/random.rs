@@ -10,7 +10,7 @@
 
 use super::case::{Case, Of};
 use super::setup::knot;
-use crate::collect::{Progress, stream};
+use crate::collect::stream;
 use crate::demo::RopeEnd;
 use crate::effects;
 use crate::model::{POISSON_RANGE, YOUNG_RANGE_PA};
@@ -19,6 +19,7 @@ use crate::sim::rope::RopeShape;
 use crate::sim::scene::{Grip, MOST_PARTICLE_STEPS, Scene, Table};
 use crate::sim::time_step::time_step_s;
 use crate::sim::{Cause, Physics, SimError, simulate};
+use crate::tell::Progress;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
