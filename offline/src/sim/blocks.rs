@@ -339,7 +339,8 @@ impl<L: Lanes> Blocks<L> {
         self.nodes.fill(L::zero());
         self.transfer.scatter(block, &self.given, &mut self.nodes);
         let planes = self.impulse.channel_mut(channel);
-        self.transfer.add_to_planes(block, 3, true, &self.nodes, planes);
+        self.transfer
+            .add_to_planes(block, 3, true, &mut self.nodes, planes);
         Ok(())
     }
 
@@ -365,7 +366,7 @@ impl<L: Lanes> Blocks<L> {
             self.transfer.spread(impulse, &mut self.nodes);
             let contact = self.contact.channel_mut(channel);
             self.transfer
-                .add_to_planes(block, CONTACT_ROWS, false, &self.nodes, contact);
+                .add_to_planes(block, CONTACT_ROWS, false, &mut self.nodes, contact);
         }
         self.mark(block, push.impulse);
     }
@@ -431,7 +432,7 @@ impl<L: Lanes> Blocks<L> {
             }
             let clamps = self.clamps.channel_mut(channel);
             self.transfer
-                .add_to_planes(block, CLAMP_ROWS, false, &self.nodes, clamps);
+                .add_to_planes(block, CLAMP_ROWS, false, &mut self.nodes, clamps);
         }
         self.mark(block, mask);
     }

@@ -109,7 +109,8 @@
 //!
 //! A quarter of a step was the sums at the nodes going through memory: those of three planes now stay in registers from
 //! slice to slice, and those of members that meet the same nodes from member to member; the clamps' motion is spread over
-//! registers where they are used.
+//! registers where they are used. Blocks of sixteen registers are turned where they lie: copying one was a call, and a
+//! step took 18.9 ns in place of 17.3 (672 particles, loaded machine, by turns).
 //!
 //! What did not pay:
 //! - *Slices where the gradient is exact.* What MLS-MPM makes of a velocity that goes with the square of s is off by

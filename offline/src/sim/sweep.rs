@@ -227,7 +227,9 @@ impl<T: Laned, I: Instructions> Engine<T> for Sweep<T, I> {
                     blocks.transfer.spread(component, row);
                 }
                 let sum = blocks.impulse.channel_mut(channel);
-                blocks.transfer.add_to_planes(block, 3, false, &blocks.nodes, sum);
+                blocks
+                    .transfer
+                    .add_to_planes(block, 3, false, &mut blocks.nodes, sum);
             }
         }
     }

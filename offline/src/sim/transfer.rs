@@ -205,7 +205,9 @@ impl<L: Lanes> Transfer<L> {
         let slices = &self.slices[block * L::COUNT..(block + 1) * L::COUNT];
         let (sums, moments) = nodes.split_at_mut(length);
         for start in (0..length).step_by(L::COUNT) {
-            let (mut sum, mut moment) = ([L::zero(); MOST_LANES], [L::zero(); MOST_LANES]);
+            // In their places from the first: a copy of sixteen registers is a call.
+            let sum = &mut sums[start..start + L::COUNT];
+            let moment = &mut moments[start..start + L::COUNT];
             for (l, slice) in slices.iter().enumerate() {
                 let at = slice.plane * length + start;
                 let low = L::load(&planes[at..]) * L::splat(slice.weights[0]);
@@ -214,33 +216,30 @@ impl<L: Lanes> Transfer<L> {
                 sum[l] = middle.times_plus(L::splat(slice.weights[1]), low + high);
                 moment[l] = high - low;
             }
-            L::transpose(&mut sum);
-            L::transpose(&mut moment);
-            sums[start..start + L::COUNT].copy_from_slice(&sum[..L::COUNT]);
-            moments[start..start + L::COUNT].copy_from_slice(&moment[..L::COUNT]);
+            L::transpose(sum);
+            L::transpose(moment);
         }
     }
 
     /// The reverse: spreads values at the nodes of each slice, and their change from plane to plane,
-    /// over the planes. With `moments` false, the values do not change along the rope.
+    /// over the planes. With `moments` false, the values do not change along the rope. What `nodes` held is lost.
     #[inline(always)]
     pub fn add_to_planes(
         &self,
         block: usize,
         rows: usize,
         moments: bool,
-        nodes: &[L],
+        nodes: &mut [L],
         planes: &mut [L::Scalar],
     ) {
         let length = rows * self.width;
         let slices = &self.slices[block * L::COUNT..(block + 1) * L::COUNT];
+        let (values, changes) = nodes.split_at_mut(length);
         for start in (0..length).step_by(L::COUNT) {
-            let (mut value, mut change) = ([L::zero(); MOST_LANES], [L::zero(); MOST_LANES]);
-            value[..L::COUNT].copy_from_slice(&nodes[start..start + L::COUNT]);
-            L::transpose(&mut value);
+            let value = &mut values[start..start + L::COUNT];
+            L::transpose(value);
             if moments {
-                change[..L::COUNT].copy_from_slice(&nodes[length + start..length + start + L::COUNT]);
-                L::transpose(&mut change);
+                L::transpose(&mut changes[start..start + L::COUNT]);
             }
             // Slices follow each other along the rope, so that three planes at a time stay in registers.
             let mut at = slices[0].plane * length + start;
@@ -255,7 +254,8 @@ impl<L: Lanes> Transfer<L> {
                     at += length;
                     sums = [sums[1], sums[2], L::load(&planes[at + 2 * length..])];
                 }
-                let parts = [value[l] - change[l], value[l], value[l] + change[l]];
+                let change = if moments { changes[start + l] } else { L::zero() };
+                let parts = [value[l] - change, value[l], value[l] + change];
                 for i in 0..3 {
                     sums[i] = parts[i].times_plus(L::splat(slice.weights[i]), sums[i]);
                 }

@@ -43,7 +43,7 @@ pub trait Lanes: Arithmetic + Channels<Self> {
     /// Writes the lanes to the start of a slice that is at least as long.
     fn store(self, to: &mut [Self::Scalar]);
     /// Turns the first [`Self::COUNT`] registers, as rows of a matrix, into its columns.
-    fn transpose(rows: &mut [Self; MOST_LANES]);
+    fn transpose(rows: &mut [Self]);
 
     /// A register from its lanes.
     #[inline(always)]

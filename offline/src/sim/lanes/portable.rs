@@ -1,6 +1,6 @@
 //! Registers for any processor: four lanes of single or two of double precision.
 
-use super::{Instructions, Lanes, MOST_LANES, polar_by_invariants, single_channel};
+use super::{Instructions, Lanes, polar_by_invariants, single_channel};
 use crate::sim::blocks::{Blocks, Part, Stepped, Stop};
 use crate::sim::real::Arithmetic;
 use crate::sim::tensor::Mat3;
@@ -40,7 +40,7 @@ macro_rules! register {
                 to[..$count].copy_from_slice(&self.0.to_array());
             }
             #[inline(always)]
-            fn transpose(rows: &mut [Self; MOST_LANES]) {
+            fn transpose(rows: &mut [Self]) {
                 let columns = <$inner>::transpose(std::array::from_fn(|l| rows[l].0));
                 for l in 0..$count {
                     rows[l] = Self(columns[l]);

@@ -3,7 +3,7 @@
 //! Safety: a value of these types exists only inside a rollout that was started after the processor
 //! had been asked for the instructions ([`crate::sim::rollout::simulate`]); every method relies on that.
 
-use super::{Instructions, Lanes, MOST_LANES, polar_by_invariants, single_channel};
+use super::{Instructions, Lanes, polar_by_invariants, single_channel};
 use crate::sim::blocks::{Blocks, Part, Stepped, Stop};
 use crate::sim::real::Arithmetic;
 use crate::sim::tensor::Mat3;
@@ -64,7 +64,7 @@ macro_rules! register {
                 unsafe { $store(lanes.as_mut_ptr(), self.0) }
             }
             #[inline(always)]
-            fn transpose(rows: &mut [Self; MOST_LANES]) {
+            fn transpose(rows: &mut [Self]) {
                 // SAFETY: see the head of this file.
                 unsafe { $transpose(rows) }
             }
@@ -208,7 +208,8 @@ register!(
 // Transposes exchange ever larger halves: neighbours first, then quarters of a register.
 
 #[inline(always)]
-unsafe fn transpose_double4(rows: &mut [Double4; MOST_LANES]) {
+unsafe fn transpose_double4(rows: &mut [Double4]) {
+    let rows = &mut rows[..Double4::COUNT];
     // SAFETY: see the head of this file.
     unsafe {
         let (a, b) = (rows[0].0, rows[1].0);
@@ -223,7 +224,8 @@ unsafe fn transpose_double4(rows: &mut [Double4; MOST_LANES]) {
 }
 
 #[inline(always)]
-unsafe fn transpose_single8(rows: &mut [Single8; MOST_LANES]) {
+unsafe fn transpose_single8(rows: &mut [Single8]) {
+    let rows = &mut rows[..Single8::COUNT];
     // SAFETY: see the head of this file.
     unsafe {
         for first in [0, 4] {
@@ -245,7 +247,8 @@ unsafe fn transpose_single8(rows: &mut [Single8; MOST_LANES]) {
 }
 
 #[inline(always)]
-unsafe fn transpose_double8(rows: &mut [Double8; MOST_LANES]) {
+unsafe fn transpose_double8(rows: &mut [Double8]) {
+    let rows = &mut rows[..Double8::COUNT];
     // SAFETY: see the head of this file.
     unsafe {
         for k in [0, 2, 4, 6] {
@@ -268,7 +271,8 @@ unsafe fn transpose_double8(rows: &mut [Double8; MOST_LANES]) {
 }
 
 #[inline(always)]
-unsafe fn transpose_single16(rows: &mut [Single16; MOST_LANES]) {
+unsafe fn transpose_single16(rows: &mut [Single16]) {
+    let rows = &mut rows[..Single16::COUNT];
     // SAFETY: see the head of this file.
     unsafe {
         for first in [0, 4, 8, 12] {
@@ -304,6 +308,7 @@ unsafe fn transpose_single16(rows: &mut [Single16; MOST_LANES]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::lanes::MOST_LANES;
 
     fn transposes<L: Lanes>() {
         let entry = |row: usize, column: usize| L::Scalar::of((100 * row + column) as f64);
