@@ -23,7 +23,7 @@ pub struct Cell {
     pub hidden: bool,
     /// What is left out of the method.
     pub without: Option<Part>,
-    /// Whether no other recording judges what is fitted, but its own last part.
+    /// Whether no other recording judges what is fitted, but parts of the same that are not.
     #[serde(default)]
     pub alone: bool,
 }

@@ -15,7 +15,7 @@ pub fn text(tallies: &[Tally]) -> String {
             _ => "G3, the independent rod",
         };
         let judge = match tally.alone {
-            true => "one recording, judged by its own last part",
+            true => "one recording, judged by parts of it that are not fitted",
             false => "one recording, judged by another",
         };
         let _ = writeln!(out, "{source}; {judge}\n");

@@ -215,7 +215,7 @@ struct BenchDiagnosisArguments {
     #[arg(long, value_name = "SEED", default_value_t = 1,
         value_parser = count::<u64>(0..=1_000_000_000), allow_negative_numbers = true)]
     first_seed: u64,
-    /// Give every diagnosis one recording and nothing else, as by default: its own last part judges, not another recording.
+    /// Give every diagnosis one recording and nothing else, as by default: parts of it that are not fitted judge, not another.
     #[arg(long)]
     alone: bool,
     /// Only cells whose name contains one of these; a whole name is that cell alone.

@@ -52,7 +52,7 @@ pub enum ReasonCode {
     NoPureError,
     /// One demonstration: repeatability is untested.
     OneDemonstration,
-    /// No other demonstration was held out; the last part of the same was, or every third of its poses at rest.
+    /// No other demonstration was held out; blocks of frames of the same were, or every third of its poses at rest.
     HeldOutInTime,
     /// A further round could not be simulated.
     RoundStopped,

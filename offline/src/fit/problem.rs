@@ -3,7 +3,7 @@
 use super::cost::huber;
 use super::push::Pushes;
 use super::sensitivity::{Prediction, Trace};
-use super::share::FrameShare;
+use super::share::{FrameShare, Frames};
 use super::uncertainty::STIFFNESS_ACCURACY;
 use crate::demo::Demo;
 use crate::effects;
@@ -141,9 +141,9 @@ impl<'a> Problem<'a> {
         self.frames = frames;
         for d in 0..self.demos.len() {
             let rests = self.rests(d);
-            let seen = self.demos[d].times_s().len();
+            let all = Frames::of(self.demos[d]);
             let times_s = &mut self.scenes[d].frame_times_s;
-            let counts = |&frame: &usize| frames.contains(frame, seen, rests);
+            let counts = |&frame: &usize| frames.contains(frame, &all);
             let kept = (0..times_s.len()).rev().find(counts).map_or(0, |last| last + 1);
             if kept < times_s.len() && !rests {
                 times_s.truncate(kept);
@@ -435,12 +435,11 @@ impl<'a> Problem<'a> {
 
     /// Measures one demonstration against a prediction.
     fn rows_of(&self, demo: usize, prediction: &Prediction) -> Result<Vec<Row>, FitError> {
-        let rests = self.rests(demo);
         let demo = self.demos[demo];
-        let seen = demo.times_s().len();
+        let all = Frames::of(demo);
         let mut rows = Vec::new();
         for (frame, points_m) in prediction.frames.iter().enumerate() {
-            if !self.frames.contains(frame, seen, rests) {
+            if !self.frames.contains(frame, &all) {
                 continue;
             }
             let line = Centreline {
@@ -471,14 +470,13 @@ impl<'a> Problem<'a> {
 
     /// See [`Evaluation::most_rows`].
     fn most_rows(&self) -> usize {
-        let of_demo = |(d, demo): (usize, &&Demo)| -> usize {
-            let (per_frame, rests) = (most_rows(demo), self.rests(d));
-            let seen = per_frame.len();
-            let frames = per_frame.into_iter().enumerate();
-            let counts = frames.filter(|(frame, _)| self.frames.contains(*frame, seen, rests));
+        let of_demo = |demo: &&Demo| -> usize {
+            let all = Frames::of(demo);
+            let frames = most_rows(demo).into_iter().enumerate();
+            let counts = frames.filter(|(frame, _)| self.frames.contains(*frame, &all));
             counts.map(|(_, rows)| rows).sum()
         };
-        self.demos.iter().enumerate().map(of_demo).sum()
+        self.demos.iter().map(of_demo).sum()
     }
 
     /// Centrelines of the demonstrations at θ, m: per demonstration, frame and slice.

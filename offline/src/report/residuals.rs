@@ -35,8 +35,8 @@ pub(super) fn section(input: &ReportInput) -> Markup {
         figure.grid.two { @for panel in curves(&pairs, whole) { (figure_svg(&panel)) } }
         @if input.held_out.is_empty() {
             p.quiet {
-                "No demonstration was held out: of each the last part was, or every third pose at rest. The errors "
-                "here are of both parts."
+                "No demonstration was held out: of each three tenths of the frames in motion were, in three blocks, the last "
+                "among them, or every third pose at rest. The errors here are of all frames."
             }
         }
     }
