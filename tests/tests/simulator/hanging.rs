@@ -169,7 +169,7 @@ fn a_rope_that_hung_moves_alike_in_single_precision() {
 
 /// What is not fitted is not simulated either, and that changes nothing of what is.
 #[test]
-fn the_last_part_of_a_motion_and_every_third_pose_are_held_out() {
+fn three_blocks_of_a_motion_and_every_third_pose_are_held_out() {
     let (swing, poses) = (swing(FRAME_S, &SEEN_M), poses());
     let demos = [&poses, &swing];
     let all = Problem::new(&demos, Resolution { cells: CELLS }).unwrap();
@@ -183,7 +183,7 @@ fn the_last_part_of_a_motion_and_every_third_pose_are_held_out() {
     let [(whole, end_s), (fitted, fitted_end_s), (held_out, held_out_end_s)] =
         [FrameShare::All, FrameShare::Fitted, FrameShare::HeldOut].map(rows);
     assert_eq!((end_s, held_out_end_s), (MOVED_S, MOVED_S));
-    assert!(fitted_end_s < 0.75 * MOVED_S, "simulated to {fitted_end_s} s");
+    assert!(fitted_end_s < 0.95 * MOVED_S, "simulated to {fitted_end_s} s");
     for demo in 0..demos.len() {
         let mut parts: Vec<_> = fitted[demo].iter().chain(&held_out[demo]).collect();
         parts.sort_by_key(|row| row.frame);
@@ -199,7 +199,7 @@ fn the_last_part_of_a_motion_and_every_third_pose_are_held_out() {
         let expected: Vec<usize> = if demo == 0 {
             vec![1, 4, 7]
         } else {
-            (15..=20).collect()
+            vec![7, 8, 13, 14, 19, 20]
         };
         assert_eq!(frames(&held_out[demo]), expected);
     }
