@@ -243,11 +243,10 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
         .copied()
         .filter(|a| a.named.contains(&a.cell.causes[0]))
         .collect();
-    let leaders: Vec<&Value> = right.iter().filter_map(|a| leading(a)).collect();
     let named = clear.iter().filter(|a| !a.named.is_empty());
     let sizes: Vec<f64> = named.map(|a| a.set.len() as f64).collect();
     let mean = (!sizes.is_empty()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64);
-    vec![
+    let mut lines = vec![
         rate(
             "no effect in the data: anything but nothing missing is said",
             "at most 5 %",
@@ -279,6 +278,18 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
             met: mean.map(|m| m <= 1.5),
             sure: true,
         },
+    ];
+    lines.extend(lines_of_right(&right, value_target));
+    lines
+}
+
+/// How well the right effect was found where it was.
+fn lines_of_right(right: &[&Answer], value_target: f64) -> Vec<Line> {
+    let leaders: Vec<&Value> = right.iter().filter_map(|a| leading(a)).collect();
+    let removed = |of: fn(&Answer) -> Option<[f64; 3]>| -> Vec<f64> {
+        right.iter().filter_map(|a| excess_removed(of(a))).collect()
+    };
+    vec![
         number(
             "effect's value, median error",
             &format!("at most {:.0} %", 100.0 * value_target),
@@ -294,15 +305,12 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
         number(
             "excess removed by the right effect in a sealed motion, median share",
             "at least 90 %",
-            right.iter().filter_map(|a| excess_removed(a.sealed_mm)).collect(),
+            removed(|a| a.sealed_mm),
             |m| m >= 0.9,
         ),
         untargeted(
             "the same of the same models on a finer grid",
-            right
-                .iter()
-                .filter_map(|a| excess_removed(a.sealed_finer_mm))
-                .collect(),
+            removed(|a| a.sealed_finer_mm),
         ),
     ]
 }
