@@ -22,24 +22,6 @@ struct State {
     bar: Option<ProgressBar>,
 }
 
-/// The time left, which nobody knows before a piece has ended.
-fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
-    if state.pos() > 0 {
-        // What a bar shows cannot fail to be written, and nobody could be told of it.
-        let _ = write!(out, ", {:#} left", HumanDuration(state.eta()));
-    }
-}
-
-impl Tell for Reporter {
-    fn say(&self, line: &str) {
-        self.say(line);
-    }
-
-    fn advance(&self, progress: Progress) {
-        self.show(progress, false);
-    }
-}
-
 /// Seconds between plain lines of one stage.
 const LINE_EVERY_S: f64 = 10.0;
 
@@ -72,12 +54,13 @@ impl Reporter {
         note(format_args!("[{:6.1} s] {line}", self.elapsed_s()));
     }
 
-    /// Work of which the total is known; where lines are shown, the first says how much there is to do.
+    /// Work that no line has told of; where lines are shown, the first says how much there is to do.
     pub fn advance(&self, progress: Progress) {
         self.show(progress, true);
     }
 
-    fn show(&self, progress: Progress, announced: bool) {
+    /// Shows how far a step has come; `announce` where no line has told of it.
+    fn show(&self, progress: Progress, announce: bool) {
         let mut state = self.lock();
         if state.stage != progress.stage || progress.done <= 1 && progress.total > 1 {
             if let Some(bar) = state.bar.take() {
@@ -93,7 +76,7 @@ impl Reporter {
                 let bar = ProgressBar::new(progress.total as u64).with_style(style);
                 bar.set_message(progress.stage);
                 state.bar = Some(bar);
-            } else if announced {
+            } else if announce {
                 note(format_args!(
                     "[{:6.1} s] {}: {} to do",
                     self.elapsed_s(),
@@ -129,5 +112,23 @@ impl Reporter {
         self.state
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+impl Tell for Reporter {
+    fn say(&self, line: &str) {
+        self.say(line);
+    }
+
+    fn advance(&self, progress: Progress) {
+        self.show(progress, false);
+    }
+}
+
+/// The time left, which nobody knows before a piece has ended.
+fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    if state.pos() > 0 {
+        // What a bar shows cannot fail to be written, and nobody could be told of it.
+        let _ = write!(out, ", {:#} left", HumanDuration(state.eta()));
     }
 }
