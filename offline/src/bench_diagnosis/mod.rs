@@ -7,8 +7,8 @@
 //! demonstration that an answer proposes, [`mod@tally`] counts, `ablations` compares with what is said without a part of
 //! the method, and [`mod@table`] prints.
 //!
-//! No reality is the fitter's own simulation. G2 is the simulator with other particles on a grid finer by
-//! a half with half the time step ([`reality::Finer`]); G3 is the independent rod of the crate `tests`,
+//! No reality is the fitter's own simulation. G2 is the simulator with other particles on a grid
+//! twice as fine with half the time step ([`reality::Finer`]); G3 is the independent rod of the crate `tests`,
 //! which this crate cannot and must not call: its program `twin-truths` writes what happened to the
 //! folder in which `offline bench-diagnosis` looks for it.
 

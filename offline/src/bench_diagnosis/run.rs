@@ -87,9 +87,6 @@ pub struct Answer {
     /// The same in a motion that neither fit nor choice of the model has seen; none where it could not be simulated.
     #[serde(default)]
     pub sealed_mm: Option<[f64; 3]>,
-    /// The same models, simulated there on a finer grid: what the grid of the fit leaves is no fault of them.
-    #[serde(default)]
-    pub sealed_finer_mm: Option<[f64; 3]>,
     /// Error where fitted, of base model and final model, and the noise floor there, mm.
     pub fitted_mm: [f64; 3],
     /// Discretisation error that the first round estimated, mm.
@@ -255,7 +252,6 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
     let held_out: Vec<&Demo> = held_out.iter().filter(|_| !cell.alone).collect();
     match close_loop(&fit, &held_out, &options, &Silent) {
         Ok(outcome) => {
-            let sealed = |grid| sealed_mm(cell, truth, &outcome, grid).ok().flatten();
             let plain = answer(cell, truth, &outcome, start.elapsed().as_secs_f64());
             let significant = match outcome.rounds.first() {
                 Some(round) => Some(significant(&round.table)),
@@ -266,8 +262,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
             Answer {
                 significant,
                 follow_up: follow_up(cell, truth, [&fit, &held_out], &outcome, &options),
-                sealed_mm: sealed(options.resolution),
-                sealed_finer_mm: sealed(options.finer),
+                sealed_mm: sealed_mm(cell, truth, &outcome, options.finer).ok().flatten(),
                 ..plain
             }
         }
@@ -316,7 +311,6 @@ fn failed(cell: &Cell, truth: &Truth, words: String, wall_s: f64) -> Answer {
         values: Vec::new(),
         held_out_mm: [0.0; 3],
         sealed_mm: None,
-        sealed_finer_mm: None,
         fitted_mm: [0.0; 3],
         discretisation_mm: 0.0,
         significant: None,
@@ -361,7 +355,6 @@ fn answer(cell: &Cell, truth: &Truth, outcome: &Outcome, wall_s: f64) -> Answer 
         set,
         held_out_mm: errors_mm([&outcome.held_out_before, &outcome.held_out_after]),
         sealed_mm: None,
-        sealed_finer_mm: None,
         fitted_mm: errors_mm([&outcome.base.best, &outcome.fitted.best]),
         discretisation_mm: outcome.rounds.first().map_or(0.0, |r| r.table.discretisation_mm),
         significant: None,

@@ -175,14 +175,6 @@ fn number(what: &str, target: &str, values: Vec<f64>, met: impl Fn(f64) -> bool)
     }
 }
 
-fn untargeted(what: &str, values: Vec<f64>) -> Line {
-    Line {
-        target: None,
-        met: None,
-        ..number(what, "", values, |_| true)
-    }
-}
-
 fn count(what: &str, count: usize) -> Line {
     Line {
         what: what.into(),
@@ -286,9 +278,6 @@ fn single_lines(whole: &[&Answer], value_target: f64) -> Vec<Line> {
 /// How well the right effect was found where it was.
 fn lines_of_right(right: &[&Answer], value_target: f64) -> Vec<Line> {
     let leaders: Vec<&Value> = right.iter().filter_map(|a| leading(a)).collect();
-    let removed = |of: fn(&Answer) -> Option<[f64; 3]>| -> Vec<f64> {
-        right.iter().filter_map(|a| excess_removed(of(a))).collect()
-    };
     vec![
         number(
             "effect's value, median error",
@@ -305,12 +294,8 @@ fn lines_of_right(right: &[&Answer], value_target: f64) -> Vec<Line> {
         number(
             "excess removed by the right effect in a sealed motion, median share",
             "at least 90 %",
-            removed(|a| a.sealed_mm),
+            right.iter().filter_map(|a| excess_removed(a.sealed_mm)).collect(),
             |m| m >= 0.9,
-        ),
-        untargeted(
-            "the same of the same models on a finer grid",
-            removed(|a| a.sealed_finer_mm),
         ),
     ]
 }
@@ -432,7 +417,6 @@ pub(super) mod tests {
             values: Vec::new(),
             held_out_mm: [5.0, 1.2, 1.0],
             sealed_mm: Some([5.0, 1.2, 1.0]),
-            sealed_finer_mm: Some([5.0, 1.1, 1.0]),
             fitted_mm: [5.0, 1.2, 1.0],
             discretisation_mm: 0.1,
             significant: None,
@@ -483,7 +467,6 @@ pub(super) mod tests {
         let broken = Answer {
             said: Said::Failed,
             sealed_mm: None,
-            sealed_finer_mm: None,
             ..answer(&[], 0.0, &[], &[])
         };
         vec![
@@ -569,10 +552,5 @@ pub(super) mod tests {
             panic!("no share")
         };
         assert!((removed - 23.56 / 24.0).abs() < 1e-12);
-        let finer = line(&tally, "the same of the same models");
-        let Figure::Number(Some(removed), 1) = finer.figure else {
-            panic!("no share")
-        };
-        assert!((removed - 23.79 / 24.0).abs() < 1e-12 && finer.met.is_none());
     }
 }

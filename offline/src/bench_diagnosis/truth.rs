@@ -128,12 +128,12 @@ fn play(reality: &dyn Reality, key: &TruthKey) -> anyhow::Result<Truth> {
     };
     if !key.causes.is_empty() {
         let plain = reality
-            .tracks(young_pa, &[], &MOTIONS[..FITTED])
+            .rough_tracks(young_pa, &[], &MOTIONS[..FITTED])
             .map_err(failed)?;
         let base = BaseFit::new(young_pa, &plain)?;
         for id in &key.causes {
             let size_of = |size: f64| {
-                let tracks = reality.tracks(young_pa, &[of_size(id, size)], &MOTIONS[..FITTED])?;
+                let tracks = reality.rough_tracks(young_pa, &[of_size(id, size)], &MOTIONS[..FITTED])?;
                 base.left_mm(&tracks)
             };
             match size_for(key.strength_mm, largest(reality, id), &size_of) {
@@ -283,7 +283,7 @@ mod tests {
     /// times stiffer still left 5 mm, so that 0.6 mm passed for 5 floors. A shift of what is seen is a cause.
     #[test]
     fn what_a_base_parameter_does_leaves_nothing() {
-        let tracks = |young_pa: f64| Finer.tracks(young_pa, &[], &MOTIONS[..FITTED]).unwrap();
+        let tracks = |young_pa: f64| Finer.rough_tracks(young_pa, &[], &MOTIONS[..FITTED]).unwrap();
         let from = tracks(0.4e6);
         let base = BaseFit::new(0.4e6, &from).unwrap();
         assert_eq!(base.left_mm(&from).unwrap(), 0.0);

@@ -333,7 +333,7 @@ fn report(
     let mut before = Vec::new();
     let mut after = Vec::new();
     for (members, judges) in [(&demos, false), (&held_out, true)] {
-        let mut problem = Problem::new(members, job.settings.resolution())?;
+        let mut problem = Problem::new(members, job.settings.resolution().finer())?;
         problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
         before.extend(views(
             &problem,

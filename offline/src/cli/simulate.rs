@@ -22,6 +22,10 @@ use std::path::{Path, PathBuf};
 /// Cells across the rope: fewer bend too easily, and the work grows with their fourth power, at the end of the range
 /// to 800 times that of its beginning.
 pub const CELLS: [f64; 2] = [MIN_CELLS_PER_DIAMETER, 8.0];
+/// The coarsest of them.
+const COARSEST: Resolution = Resolution {
+    cells: MIN_CELLS_PER_DIAMETER,
+};
 
 /// Which rope does what.
 #[derive(Args)]
@@ -44,9 +48,10 @@ pub struct SimulateArguments {
     /// Swing instead: release the rope's end at this point of the task's plane, m, and say how far it reaches.
     #[arg(long, num_args = 2, value_names = ["X", "Z"], value_parser = finite, allow_negative_numbers = true)]
     release: Option<Vec<f64>>,
-    /// Cells across the rope: a finer grid is slower.
-    #[arg(long, default_value_t = MIN_CELLS_PER_DIAMETER, value_parser = within(CELLS))]
-    cells: f64,
+    /// Cells across the rope: a finer grid is slower. By default as a diagnosis predicts a demonstration, and as a policy
+    /// is taught a swing, on a coarser one.
+    #[arg(long, value_parser = within(CELLS))]
+    cells: Option<f64>,
     /// Demonstration folder to write, with the simulated rope's points as markers.
     #[arg(long, value_name = "DIR", conflicts_with = "release")]
     out: Option<PathBuf>,
@@ -200,8 +205,9 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     if let Some(release) = &arguments.release {
         return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
     }
-    let resolution = Resolution {
-        cells: arguments.cells,
+    let resolution = match arguments.cells {
+        Some(cells) => Resolution { cells },
+        None => COARSEST.finer(),
     };
     let played = play(&demo, &rope.structure, &rope.theta, resolution)?;
     if let Some(out) = &arguments.out {
@@ -210,13 +216,19 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
     say(&demo, &played, arguments.out.as_deref(), json)
 }
 
-fn swing(rope: &Rope, shape: RopeShape, release_m: [f64; 2], cells: f64, json: bool) -> anyhow::Result<()> {
+fn swing(
+    rope: &Rope,
+    shape: RopeShape,
+    release_m: [f64; 2],
+    cells: Option<f64>,
+    json: bool,
+) -> anyhow::Result<()> {
     let swing = SimulatedSwing {
         rope: shape,
         task: SwingTask::PAPER,
         structure: rope.structure.clone(),
         effect_values: rope.theta[2..].to_vec(),
-        resolution: Resolution { cells },
+        resolution: cells.map_or(COARSEST, |cells| Resolution { cells }),
     };
     let [x, z] = release_m;
     let reach_m = swing

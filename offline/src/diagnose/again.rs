@@ -117,8 +117,8 @@ impl<'a> Refits<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::bench::Bench;
     use super::super::revise::tests::{YOUNG_PA, base, options, recorded};
-    use super::super::rounds::Bench;
     use super::super::score::{Score, ScoreTable};
     use super::*;
     use crate::bench_diagnosis::reality::part;

@@ -1,13 +1,14 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
+use super::bench::Bench;
 use super::gates::{Gate, excuse, not_refined, refinement_gate, superfluous, taken_away_mm};
 use super::memory::KeptModel;
 use super::noise::independent_squares;
 use super::revise::needs_not;
 use super::round::Refit;
-use super::rounds::{Bench, LoopOptions, Part};
+use super::rounds::{LoopOptions, Part};
 use crate::effects;
-use crate::fit::{Descent, Evaluation, FitError, FitResult, estimates};
+use crate::fit::{Descent, Evaluation, FitError, FitResult, Problem, estimates};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::tell::Tell;
@@ -59,6 +60,33 @@ impl Standing {
     pub(super) fn of(bench: &Bench, structure: Structure, fitted: FitResult) -> Result<Self, FitError> {
         let held = bench.held_out.residuals(&structure, &fitted.best.theta)?;
         Ok(Self::judged(structure, fitted, ResidualSummary::of(&held)))
+    }
+
+    /// The model followed to where the finer grid has it, and the bench refined there.
+    ///
+    /// # Errors
+    /// It cannot be simulated.
+    pub(super) fn followed<'a>(&self, bench: &Bench<'a>) -> Result<(Bench<'a>, Self), FitError> {
+        let (here, fitted) = bench.followed(&self.structure, &self.fitted)?;
+        let there = Self::of(&here, self.structure.clone(), fitted)?;
+        let rivals = self.rivals.clone();
+        Ok((here, Self { rivals, ..there }))
+    }
+
+    /// The model as a bench has it now.
+    ///
+    /// # Errors
+    /// It cannot be simulated.
+    pub(super) fn anew(self, bench: &Bench) -> Result<Self, FitError> {
+        let again = bench.again(&self.structure, &self.fitted.best.theta)?;
+        let fitted = FitResult {
+            best: again.best,
+            cost: again.cost,
+            ..self.fitted
+        };
+        let there = Self::of(bench, self.structure, fitted)?;
+        let rivals = self.rivals;
+        Ok(Self { rivals, ..there })
     }
 
     /// A fitted model that leaves `held` where held out.
@@ -245,9 +273,10 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
     2.0 * (2.0 / squares.max(1.0)).sqrt() * correlation.reduced_chi_square
 }
 
-/// One Gauss-Newton step on the finer grid from the estimate on the fit's grid, judged for every effect that a model was
-/// extended by; `before` is what was left without them. The prior is as heavy as it was on the fit's grid: damping beside
-/// a lag was held there at half of what the offsets said, and without that prior the finer grid alone said it all.
+/// One Gauss-Newton step on the finer grid from an estimate, against the estimate or, where that lies farther off, such a
+/// step on the fit's own grid without its refinement, judged for every effect that a model was extended by; `before` is what
+/// was left without them. The prior is as heavy as it was on the fit's grid: damping beside a lag was held there at half of
+/// what the offsets said, and without that prior the finer grid alone said it all.
 fn refine(
     bench: &Bench,
     model: &Standing,
@@ -255,25 +284,34 @@ fn refine(
     before: &ResidualSummary,
 ) -> Result<Vec<Gate>, FitError> {
     let (structure, fitted) = (&model.structure, &model.fitted);
-    let there = Descent::at(&bench.finer, structure, &fitted.best.theta)?;
-    let step = there.under(fitted.prior_weight).next_step();
+    let step = |grid: &Problem| -> Result<DVector<f64>, FitError> {
+        let there = Descent::at(grid, structure, &fitted.best.theta)?;
+        Ok(there.under(fitted.prior_weight).next_step())
+    };
+    let [own, finer] = [step(&bench.fit.unrefined())?, step(&bench.finer)?];
     let all = estimates(&fitted.best, structure);
     let explained_mm = taken_away_mm(before, &model.left);
     let gate = |effect: usize| {
         let spec = &effects::ALL[effect];
         let entries = structure.entries(effect);
-        let own = fitted.best.jacobian.columns(entries.start, entries.len());
+        let slopes = fitted.best.jacobian.columns(entries.start, entries.len());
         let size = fitted.best.theta[entries.clone()].iter().zip(spec.parameters);
-        let coarse = DVector::from_iterator(entries.len(), size.map(|(t, p)| t - p.vanishes_at));
-        let change = step.rows(entries.start, entries.len());
-        let fine = &coarse + change;
+        let here = DVector::from_iterator(entries.len(), size.map(|(t, p)| t - p.vanishes_at));
+        let [own, fine] = [&own, &finer].map(|step| &here + step.rows(entries.start, entries.len()));
         let errors: Vec<f64> = all[entries].iter().map(|e| e.standard_error).collect();
-        let apart = own * change;
-        let apart_mm = 1e3 * apart.norm() / (apart.len() as f64).sqrt();
+        let apart_mm = |value: &DVector<f64>| {
+            let apart = slopes * (&fine - value);
+            1e3 * apart.norm() / (apart.len() as f64).sqrt()
+        };
+        let coarse = if apart_mm(&own) > apart_mm(&here) {
+            own
+        } else {
+            here
+        };
         refinement_gate(
             spec.id,
             [coarse.as_slice(), fine.as_slice(), &errors],
-            [apart_mm, explained_mm],
+            [apart_mm(&coarse), explained_mm],
         )
     };
     let last = structure.effects.len() - added.len();

@@ -4,10 +4,10 @@
 //! further effects imitate that error and are needed, as far as a likelihood can tell: relaxation and a bending ratio beside
 //! a yield that explained everything. Their standard errors, in which the grid's part is counted last, hold nothing.
 
+use super::bench::Bench;
 use super::choice::Standing;
 use super::gates::clear_of_nothing;
 use super::revise::{refitted_without, rivals_of_less};
-use super::rounds::Bench;
 use super::score::Invariance;
 use super::verdict::{ReasonCode, Verdict};
 use crate::effects;

@@ -1,9 +1,9 @@
 //! What the loop has come to after its first fit or a round, so that a diagnosis that was killed goes on from there and
 //! finds the same.
 
+use super::bench::Bench;
 use super::choice::Standing;
 use super::round::Round;
-use super::rounds::Bench;
 use crate::fit::{FitError, FitResult, Problem, StopReason, fit_from};
 use crate::model::Structure;
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,11 @@ impl KeptFit {
         }
     }
 
+    /// Where it ended.
+    pub(super) fn theta(&self) -> &[f64] {
+        &self.theta
+    }
+
     /// The same fit of the base model, evaluated once more.
     pub(super) fn again(&self, problem: &Problem) -> Result<FitResult, FitError> {
         let fit = fit_from(problem, &Structure::default(), self.theta.clone(), 1)?;
@@ -69,6 +74,11 @@ impl KeptModel {
             theta: standing.fitted.best.theta.clone(),
             prior_weight: standing.fitted.prior_weight,
         }
+    }
+
+    /// A bench refined at the model.
+    pub(super) fn bench<'a>(&self, bench: &Bench<'a>) -> Result<Bench<'a>, FitError> {
+        bench.refined(&Structure::of_ids(&self.effects), &self.theta)
     }
 
     /// The same model, evaluated once more.

@@ -2,12 +2,13 @@
 
 use super::accounted::{NEARLY_ALL_HELD_OUT, explains};
 use super::batch::{Batch, Failures, batches};
+use super::bench::Bench;
 use super::choice::{Standing, Tried};
 use super::gates::{
     beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
 };
 use super::round::Refit;
-use super::rounds::{Bench, LoopOptions, physical_effects};
+use super::rounds::{LoopOptions, physical_effects};
 use super::score::{ScoreTable, Subset, whitened_left};
 use super::starts::{changed, told};
 use crate::effects;

@@ -1,12 +1,12 @@
 //! Second thoughts on a model: whether it needs all of its effects, and whether it fits better elsewhere.
 
+use super::bench::Bench;
 use super::choice::Standing;
 use super::gates::{all_physical, clear_of_nothing, needs, within_ranges};
 use super::memory::KeptModel;
 use super::refits::REFIT_EVALUATIONS;
 use super::rivals::by_another_way;
 use super::round::{Refit, Round};
-use super::rounds::Bench;
 use crate::effects;
 use crate::fit::{Descent, FitError, FitResult, estimates};
 use crate::model::Structure;
@@ -253,7 +253,7 @@ pub(super) mod tests {
         static ALL: Mutex<BTreeMap<String, Arc<Recorded>>> = Mutex::new(BTreeMap::new());
         let of_these = Arc::clone(ALL.lock().unwrap().entry(format!("{parts:?}")).or_default());
         let record = || {
-            let tracks = Finer.tracks(YOUNG_PA, parts, &MOTIONS).unwrap();
+            let tracks = Finer.rough_tracks(YOUNG_PA, parts, &MOTIONS).unwrap();
             let motions = MOTIONS.iter().zip(&tracks);
             let demos = motions.map(|(motion, track)| motion.demo(track, 1e-3, 5));
             Arc::new(demos.collect())

@@ -1,12 +1,13 @@
 //! Models that fit as well as the one that a loop has come to: what tied with an effect of an earlier round may do so
 //! still, beside what was found since.
 
+use super::bench::Bench;
 use super::choice::{Standing, Tried, ties};
 use super::gates::within_ranges;
 use super::memory::KeptModel;
 use super::refits::Refits;
 use super::round::{Refit, Round};
-use super::rounds::{Bench, LoopOptions};
+use super::rounds::LoopOptions;
 use super::score::{ScoreTable, Subset};
 use crate::effects;
 use crate::fit::estimates;

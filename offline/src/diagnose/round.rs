@@ -1,14 +1,15 @@
 //! One round of the loop: score every effect, refit in full what may be the cause, choose.
 
 use super::accounted::excess_mm;
+use super::bench::Bench;
 use super::choice::{Choice, Standing};
 use super::gates::Gate;
 use super::memory::KeptModel;
 use super::refits::Refits;
-use super::rounds::{Bench, LoopOptions};
+use super::rounds::LoopOptions;
 use super::score::{MOST_MEMBERS, ScoreProblem, ScoreTable, Subset, Untested, discretisation_mm};
 use crate::effects;
-use crate::fit::{FitError, Library, over_noise};
+use crate::fit::{FitError, Library};
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
 use crate::tell::Tell;
@@ -200,13 +201,9 @@ pub(super) fn score(
             Some(why) => untold.push((effect, why.to_owned())),
         }
     }
-    let (library, difference) = rayon::join(
-        || bench.fit.library(structure, theta, &asked),
-        || bench.grid_errors(structure, theta),
-    );
-    let (library, difference) = (library?, difference?);
+    let library = bench.fit.library(structure, theta, &asked)?;
     let evaluation = &library.evaluation;
-    let errors = over_noise(evaluation, &difference);
+    let errors = bench.fit.grid_errors(evaluation);
     let nuisances = options.nuisances();
     let problem = ScoreProblem::new(evaluation, &library.structure, structure, &bench.noise, nuisances);
     let discretisation_mm = discretisation_mm(evaluation, structure, &errors);

@@ -1,20 +1,21 @@
 //! The loop: fit, score, refit the best, gate, accept, repeat.
 
-use super::accounted::{HeldOut, excess_mm};
+use super::accounted::excess_mm;
+use super::bench::Bench;
 use super::choice::Standing;
 use super::conclude::{Facts, conclude};
 use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
 use super::noise::{Noise, NoiseSource};
 use super::round::{Round, score};
-use super::score::{Invariance, ScoreTable, discretisation_mm, invariances};
+use super::score::{Invariance, ScoreTable};
 use super::verdict::{ReasonCode, Verdict};
 use super::ways::{SoFar, all_rounds};
 use crate::demo::Demo;
 use crate::effects;
 use crate::fit::{
-    Evaluation, FitError, FitOptions, FitResult, FrameShare, GridError, Library, Problem, Resolution,
-    covariance, estimates_within, fit_and_tell, fit_from, grid_errors, grid_shift, over_noise,
+    Evaluation, FitError, FitOptions, FitResult, Library, Resolution, estimates_within, fit_and_tell,
+    grid_shift,
 };
 use crate::model::{Estimate, Structure};
 use crate::residual::ResidualSummary;
@@ -26,7 +27,7 @@ use serde::{Deserialize, Serialize};
 pub struct LoopOptions {
     /// Grid of the fits.
     pub resolution: Resolution,
-    /// Finer grid that tells physics from discretisation.
+    /// Finer grid to whose predictions those of the fits are refined, and on which an effect has to stay the same.
     pub finer: Resolution,
     /// Starts and budget of the first fit.
     pub fit: FitOptions,
@@ -70,7 +71,7 @@ impl LoopOptions {
         self.without != Some(Part::Nuisances)
     }
 
-    /// Defaults on a grid; the finer one is [`Resolution::finer`].
+    /// Defaults on a grid; a finer one is [`Resolution::finer`].
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {
             resolution,
@@ -127,164 +128,6 @@ impl Outcome {
     }
 }
 
-/// The problems where a loop fits and where it judges: other demonstrations where there are any, else
-/// a part of the same ([`FrameShare::HeldOut`]).
-///
-/// # Errors
-/// A demonstration cannot be simulated.
-pub fn problems<'a>(
-    demos: &[&'a Demo],
-    held_out: &[&'a Demo],
-    options: &LoopOptions,
-) -> Result<(Problem<'a>, Problem<'a>), FitError> {
-    let all = Problem::new(demos, options.resolution)?;
-    if held_out.is_empty() {
-        let judge = all.clone().of_share(FrameShare::HeldOut);
-        return Ok((all.of_share(FrameShare::Fitted), judge));
-    }
-    Ok((all, Problem::new(held_out, options.resolution)?))
-}
-
-/// What the loop works on.
-pub(super) struct Bench<'a> {
-    pub(super) fit: Problem<'a>,
-    pub(super) held_out: Problem<'a>,
-    pub(super) finer: Problem<'a>,
-    /// The finer grid where it judges.
-    held_out_finer: Problem<'a>,
-    /// Whether the simulation's own error is asked for.
-    compares_grids: bool,
-    pub(super) noise: Noise,
-}
-
-impl<'a> Bench<'a> {
-    pub(super) fn new(
-        demos: &[&'a Demo],
-        held_out: &[&'a Demo],
-        options: &LoopOptions,
-    ) -> Result<Self, FitError> {
-        let (fit, held_out) = problems(demos, held_out, options)?;
-        let finer = |of: &Problem<'a>| Ok(Problem::new(&of.demos, options.finer)?.of_share(of.frames));
-        Ok(Self {
-            finer: finer(&fit)?,
-            held_out_finer: finer(&held_out)?,
-            fit,
-            held_out,
-            noise: Noise::DECLARED,
-            compares_grids: options.without != Some(Part::Refinement),
-        })
-    }
-
-    /// The simulation's own error where it fits; none where the method is to know nothing of it.
-    pub(super) fn grid_errors(
-        &self,
-        structure: &Structure,
-        theta: &[f64],
-    ) -> Result<Vec<GridError>, FitError> {
-        self.errors_between([&self.fit, &self.finer], structure, theta)
-    }
-
-    fn errors_between(
-        &self,
-        grids: [&Problem; 2],
-        structure: &Structure,
-        theta: &[f64],
-    ) -> Result<Vec<GridError>, FitError> {
-        if self.compares_grids {
-            grid_errors(grids, structure, theta)
-        } else {
-            Ok(Vec::new())
-        }
-    }
-
-    /// As [`Noise::slight_doubt`] says of what a fit leaves.
-    pub(super) fn slight_doubt(&self, evaluation: &Evaluation) -> f64 {
-        self.noise.slight_doubt(evaluation.len())
-    }
-
-    /// As [`Noise::doubt`] says of what a fit leaves.
-    pub(super) fn doubt(&self, evaluation: &Evaluation) -> f64 {
-        self.noise.doubt(evaluation.len())
-    }
-
-    /// What base and final model leave where held out.
-    fn where_held_out(
-        &self,
-        [before, after]: [&Evaluation; 2],
-        (structure, fitted): (&Structure, &FitResult),
-    ) -> HeldOut {
-        // Where slopes or the finer grid cannot be had, neither excuses anything.
-        let [numerical_mm, uncertain_mm] = self.excused_mm(structure, fitted).unwrap_or_default();
-        HeldOut {
-            before: ResidualSummary::of(before),
-            after: ResidualSummary::of(after),
-            doubt: self.doubt(after),
-            numerical_mm,
-            uncertain_mm,
-            of_the_same: self.fit.frames != FrameShare::All,
-        }
-    }
-
-    /// Root mean squares of what a right model may leave where held out, mm: of the simulation's own error that its
-    /// parameters do not follow, and of what their standard errors let expect, g Σ gᵀ over the slopes g of all offsets.
-    fn excused_mm(&self, structure: &Structure, fitted: &FitResult) -> Result<[f64; 2], FitError> {
-        let theta = &fitted.best.theta;
-        let there = self.held_out.evaluate(structure, theta)?;
-        let errors = self.errors_between([&self.held_out, &self.held_out_finer], structure, theta)?;
-        let spread = &there.jacobian * covariance(&fitted.best, structure);
-        let mean = spread.component_mul(&there.jacobian).sum() / there.len() as f64;
-        Ok([
-            discretisation_mm(&there, structure, &over_noise(&there, &errors)),
-            1e3 * mean.max(0.0).sqrt(),
-        ])
-    }
-
-    /// How the effects of a fit fare in parts of what was fitted. None where the finer grid cannot be had: what the
-    /// simulation's own error makes of them is not known then.
-    fn invariances(
-        &self,
-        (best, structure): (&Evaluation, &Structure),
-        options: &LoopOptions,
-    ) -> Vec<Invariance> {
-        if structure.effects.is_empty() {
-            return Vec::new();
-        }
-        let Ok(errors) = self.grid_errors(structure, &best.theta) else {
-            return Vec::new();
-        };
-        let errors = over_noise(best, &errors);
-        invariances(
-            (best, structure),
-            &self.noise,
-            &errors,
-            options.nuisances(),
-            options.seed,
-        )
-    }
-
-    /// Every model is sought near the base model's best, where ropes hang.
-    fn settle(&mut self, theta: &[f64]) -> Result<(), FitError> {
-        let base = Structure::default();
-        self.fit = self.fit.settled(&base, theta)?;
-        for other in [&mut self.held_out, &mut self.finer, &mut self.held_out_finer] {
-            *other = other.settled_near(&self.fit, &base, theta)?;
-        }
-        Ok(())
-    }
-
-    fn set_noise(&mut self, noise: Noise, options: &LoopOptions) {
-        let of_held_out = [&mut self.held_out, &mut self.held_out_finer];
-        for problem in [&mut self.fit, &mut self.finer].into_iter().chain(of_held_out) {
-            problem.noise_scale = noise.scale;
-        }
-        self.noise = if options.without == Some(Part::Whitening) {
-            noise.as_if_independent()
-        } else {
-            noise
-        };
-    }
-}
-
 /// A fit of the base model alone.
 pub struct BaseFit {
     /// The fit.
@@ -330,18 +173,27 @@ pub fn fit_only(
     })
 }
 
-/// The base model's fit, and the noise as far as the data tell it: the bench and the fit's rows know it then.
+/// The base model's fit, and the noise as far as the data tell it: the bench and the fit's rows know it then, and the bench
+/// predicts as the finer grid does near that fit.
 fn fit_base(
     bench: &mut Bench,
     options: &LoopOptions,
     kept: Option<&KeptFit>,
     progress: &dyn Tell,
 ) -> Result<(FitResult, Noise), FitError> {
+    let structure = Structure::default();
     let mut base = match kept {
-        Some(kept) => kept.again(&bench.fit)?,
+        Some(kept) => {
+            *bench = bench.refined(&structure, kept.theta())?;
+            kept.again(&bench.fit)?
+        }
         None => {
             progress.say("fitting the base model from several starts");
-            fit_and_tell(&bench.fit, &Structure::default(), &options.fit, progress)?
+            let fitted = fit_and_tell(&bench.fit, &structure, &options.fit, progress)?;
+            progress.say("fitting it again as a finer grid has it");
+            let (there, fitted) = bench.followed(&structure, &fitted)?;
+            *bench = there;
+            fitted
         }
     };
     let noise = Noise::measured(&bench.fit, &base.best);
@@ -364,10 +216,11 @@ pub fn base_scores(
 ) -> Result<ScoreTable, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let base = &outcome.base.best;
-    bench.fit.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    bench.set_scale(outcome.noise_scale.unwrap_or(1.0));
     let noise = Noise::measured(&bench.fit, base);
     bench.set_noise(noise, options);
     bench.settle(&base.theta)?;
+    let bench = bench.refined(&Structure::default(), &base.theta)?;
     Ok(score(&bench, &Structure::default(), &base.theta, options)?.0)
 }
 
@@ -402,6 +255,7 @@ pub fn resume_loop(
     let kept = earlier.as_ref().map(|memory| &memory.base);
     let (base, noise) = fit_base(&mut bench, options, kept, progress)?;
     bench.settle(&base.best.theta)?;
+    bench = bench.refined(&structure, &base.best.theta)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
         Some(memory) => SoFar::again(memory, &bench)?,
@@ -429,8 +283,8 @@ pub fn resume_loop(
         pure_error: noise.source.is_pure_error(),
         stopped,
     };
-    let judge = |model: Standing| course.judge(&bench, model);
-    let (judged, nothing) = leaner(&bench, judge(ended.model)?, &judge, progress);
+    let judge = |model: Standing| course.judge(&ended.bench, model);
+    let (judged, nothing) = leaner(&ended.bench, judge(ended.model)?, &judge, progress);
     if let Some(last) = rounds.last_mut() {
         last.nothing = nothing;
     }
@@ -465,6 +319,9 @@ struct Course<'a> {
 
 impl Course<'_> {
     fn judge(&self, bench: &Bench, model: Standing) -> Result<Judged, FitError> {
+        let refined = bench.refined(&model.structure, &model.fitted.best.theta);
+        let bench = &refined.unwrap_or_else(|_| bench.unrefined());
+        let model = model.anew(bench)?;
         let (structure, fitted) = (&model.structure, &model.fitted);
         let held_out = bench.held_out.residuals(structure, &fitted.best.theta)?;
         let left_mm = excess_mm(&ResidualSummary::of(&fitted.best), bench.doubt(&fitted.best));
@@ -501,13 +358,6 @@ pub(super) fn physical_effects(structure: &Structure) -> usize {
     structure.effects.iter().filter(physical).count()
 }
 
-impl Bench<'_> {
-    /// The evaluation at a known optimum, with the noise as it is set now.
-    pub(super) fn again(&self, structure: &Structure, theta: &[f64]) -> Result<FitResult, FitError> {
-        fit_from(&self.fit, structure, theta.to_vec(), 1)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::revise::tests::{YOUNG_PA, options, recorded};
@@ -521,6 +371,7 @@ mod tests {
         let table = |without: Option<Part>| {
             let options = LoopOptions { without, ..options() };
             let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
+            let bench = bench.refined(&Structure::default(), &theta).unwrap();
             score(&bench, &Structure::default(), &theta, &options).unwrap().0
         };
         let [whole, part] = [None, Some(Part::Refinement)].map(table);

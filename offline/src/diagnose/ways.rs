@@ -3,12 +3,13 @@
 //! of a real cable, whose rest shape then fitted nothing.
 
 use super::accounted::{WHITE_FLOORS, excess_mm};
+use super::bench::Bench;
 use super::choice::{Standing, last_gates, likelier};
 use super::memory::{KeptModel, Memory};
 use super::revise::{better, needed};
 use super::rivals::{by_another_way, still_rivals};
 use super::round::{Round, one_round};
-use super::rounds::{Bench, LoopOptions, physical_effects};
+use super::rounds::{LoopOptions, physical_effects};
 use crate::effects;
 use crate::fit::{Evaluation, FitError, FitResult, Library};
 use crate::model::Structure;
@@ -24,7 +25,9 @@ pub(super) struct SoFar {
 }
 
 /// Where the loop ended.
-pub(super) struct Ended {
+pub(super) struct Ended<'a> {
+    /// Refined at the model.
+    pub(super) bench: Bench<'a>,
     pub(super) model: Standing,
     pub(super) rounds: Vec<Round>,
     /// Slopes of the last round.
@@ -37,14 +40,14 @@ pub(super) struct Ended {
 
 /// The way that begins with the likeliest effect or, where that leaves something and the other does better, the one that
 /// begins with what passed second. `before` is what the base model leaves.
-pub(super) fn all_rounds(
-    bench: &Bench,
+pub(super) fn all_rounds<'a>(
+    bench: &Bench<'a>,
     at: SoFar,
     before: &ResidualSummary,
     options: &LoopOptions,
     keep: &dyn Fn(&SoFar),
     progress: &dyn Tell,
-) -> Result<Ended, FitError> {
+) -> Result<Ended<'a>, FitError> {
     let ended = one_way(bench, at, options, keep, progress)?;
     let other = other_beginning(bench, &ended, before, options, progress);
     // What a run that is killed goes on from is the first way: it comes here again.
@@ -93,6 +96,7 @@ fn other_beginning(
     progress.say(&format!(
         "something is left: beginning with {other}, which passed as well, instead of {one}"
     ));
+    let bench = &kept.bench(bench)?;
     let now = kept.again(bench)?;
     let mut round = Round {
         accepted: kept.effects.clone(),
@@ -109,7 +113,7 @@ fn other_beginning(
         refit.ask(gates);
     }
     Ok(Some(SoFar {
-        now,
+        now: now.followed(bench)?.1,
         rounds: vec![round],
         other: None,
     }))
@@ -117,20 +121,21 @@ fn other_beginning(
 
 /// Round after round until nothing is left to explain, nothing explains it, or a model that was found cannot be looked
 /// into any further: what was found until then stands.
-fn one_way(
-    bench: &Bench,
+fn one_way<'a>(
+    bench: &Bench<'a>,
     mut at: SoFar,
     options: &LoopOptions,
     keep: &dyn Fn(&SoFar),
     progress: &dyn Tell,
-) -> Result<Ended, FitError> {
+) -> Result<Ended<'a>, FitError> {
     // So it is where a loop goes on that was killed after its last round.
     let found_nothing = |round: &Round| round.accepted.is_empty();
     let mut done = at.rounds.last().is_some_and(found_nothing);
     let (mut library, mut stopped) = (None, false);
+    let mut here = bench.refined(&at.now.structure, &at.now.fitted.best.theta)?;
     keep(&at);
     while !done && at.goes_on(bench, options) {
-        let mut turn = match one_round(bench, &at.now, options, progress) {
+        let mut turn = match one_round(&here, &at.now, options, progress) {
             Err(error) if !at.rounds.is_empty() => {
                 progress.say(&format!("no further round: {error}"));
                 stopped = true;
@@ -140,16 +145,23 @@ fn one_way(
         };
         done = turn.next.is_none();
         if let Some(next) = turn.next {
-            let (mut next, dropped) = needed(bench, &at.now, next, progress);
+            let (mut next, dropped) = needed(&here, &at.now, next, progress);
             next.rivals.extend(still_rivals(
-                bench,
+                &here,
                 &at.now,
                 &next,
                 &turn.round,
                 options,
                 progress,
             ));
-            (at.now, turn.round.dropped) = (next, dropped);
+            turn.round.dropped = dropped;
+            match next.followed(bench) {
+                Ok(followed) => (here, at.now) = followed,
+                Err(error) => {
+                    progress.say(&format!("no further round: {error}"));
+                    (at.now, done, stopped) = (next, true, true);
+                }
+            }
         }
         if at.rounds.is_empty() {
             at.other = turn.second;
@@ -159,7 +171,8 @@ fn one_way(
         library = Some(turn.library);
     }
     Ok(Ended {
-        model: better(bench, at.now, &at.rounds, progress)?,
+        model: better(&here, at.now, &at.rounds, progress)?,
+        bench: here,
         rounds: at.rounds,
         library,
         stopped,
@@ -184,7 +197,7 @@ impl SoFar {
         Ok(Self {
             now: Standing {
                 rivals: memory.rivals,
-                ..memory.now.again(bench)?
+                ..memory.now.again(&memory.now.bench(bench)?)?
             },
             rounds: memory.rounds,
             other: memory.other,
@@ -227,7 +240,8 @@ mod tests {
         let options = options();
         let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options).unwrap();
         let round = |id: &str| {
-            let turn = one_round(&bench, &with(&bench, &[id]), &options, &Silent).unwrap();
+            let (bench, model) = with(&bench, &[id]).followed(&bench).unwrap();
+            let turn = one_round(&bench, &model, &options, &Silent).unwrap();
             assert_eq!(turn.next.is_none(), turn.round.accepted.is_empty());
             turn.round
         };

@@ -120,6 +120,7 @@ impl Problem<'_> {
                     .zip(&noisy)
                     .map(|(&d, demo)| begun_as(&self.scenes[d], demo))
                     .collect(),
+                refinement: None,
                 ..*self
             };
             let mut there = usual.to_vec();
@@ -159,6 +160,7 @@ impl Problem<'_> {
         Self {
             demos: vec![self.demos[d]],
             scenes: vec![scene],
+            refinement: None,
             ..*self
         }
     }

@@ -82,7 +82,7 @@ mod tests {
     /// The gripper of the benchmark opens at the end, where its recording judges itself.
     #[test]
     fn a_late_release_is_told_only_where_clamps_let_go_in_what_counts() {
-        let track = &Finer.tracks(0.6e6, &[], &MOTIONS[..1]).unwrap()[0];
+        let track = &Finer.rough_tracks(0.6e6, &[], &MOTIONS[..1]).unwrap()[0];
         let demo = MOTIONS[0].demo(track, 0.001, 1);
         let problem = Problem::new(&[&demo], Resolution { cells: 1.5 }).unwrap();
         let untold = |share: FrameShare, id: &str| {

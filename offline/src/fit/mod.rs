@@ -20,7 +20,7 @@ mod uncertainty;
 pub use correlation::Correlation;
 pub use descent::{Budget, Descent, FitResult, StopReason};
 pub use kinds::{flows, turns_in_grip};
-pub use numerical::{FINER, GridError, grid_errors, grid_shift, over_noise};
+pub use numerical::{FINER, grid_shift};
 pub use problem::{Evaluation, FitError, Library, Problem, Resolution};
 pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};

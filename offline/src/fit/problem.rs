@@ -1,6 +1,7 @@
 //! The least-squares problem: demonstrations, scenes, and one evaluation of residual and Jacobian.
 
 use super::cost::huber;
+use super::numerical::Refinement;
 use super::push::Pushes;
 use super::sensitivity::{Prediction, Trace};
 use super::share::{FrameShare, Frames};
@@ -15,6 +16,8 @@ use crate::sim::start::Start;
 use crate::sim::{Hung, Laned, Physics, Real, Rollout, Scene, SimError, poses, simulate_hung};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::borrow::Cow;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Why a fit could not be made.
@@ -78,6 +81,8 @@ pub struct Problem<'a> {
     pub(crate) frames: FrameShare,
     /// Which points of the rope the clouds hold.
     pub section: Section,
+    /// What is added to every prediction; nothing where they are the grid's own.
+    pub(crate) refinement: Option<Arc<Refinement>>,
     /// Share by which the simulated bending stiffness may be off from the measured rope's.
     pub stiffness_accuracy: f64,
 }
@@ -132,6 +137,7 @@ impl<'a> Problem<'a> {
             noise_scale: 1.0,
             frames: FrameShare::All,
             section: Section::default(),
+            refinement: None,
             stiffness_accuracy: STIFFNESS_ACCURACY,
         }
     }
@@ -434,19 +440,24 @@ impl<'a> Problem<'a> {
     }
 
     /// Measures one demonstration against a prediction.
-    fn rows_of(&self, demo: usize, prediction: &Prediction) -> Result<Vec<Row>, FitError> {
-        let demo = self.demos[demo];
+    fn rows_of(&self, index: usize, prediction: &Prediction) -> Result<Vec<Row>, FitError> {
+        let demo = self.demos[index];
         let all = Frames::of(demo);
         let mut rows = Vec::new();
+        let refined = |frame: usize, points_m| match &self.refinement {
+            Some(refinement) => Cow::Owned(refinement.of_points((index, frame), points_m)),
+            None => Cow::Borrowed(points_m),
+        };
         for (frame, points_m) in prediction.frames.iter().enumerate() {
             if !self.frames.contains(frame, &all) {
                 continue;
             }
+            let filled_m = prediction.particles.get(frame).map_or(&[][..], Vec::as_slice);
             let line = Centreline {
                 arc_m: &prediction.arc_m,
-                points_m,
+                points_m: &refined(frame, points_m),
                 length_m: demo.spec.rope.length_m,
-                filled_m: prediction.particles.get(frame).map_or(&[], Vec::as_slice),
+                filled_m: &refined(frame, filled_m),
             };
             rows.extend(
                 measure(demo, frame, &line, self.section)

@@ -6,7 +6,7 @@ use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
     Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, NoiseSource, Outcome, ReasonCode,
-    ResidualForce, Round, SwingRisks, Verdict, advise, residual_force, resume_loop,
+    ResidualForce, Round, SwingRisks, Verdict, advise, problems_at, residual_force, resume_loop,
 };
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
@@ -186,11 +186,17 @@ fn restore(
     diagnosis: DiagnosisFile,
 ) -> anyhow::Result<(Outcome, Option<ResidualForce>, Advice)> {
     let structure = Structure::of_ids(&fit.effects);
-    let (mut here, mut there) = crate::diagnose::problems(demos, held_out, options)?;
-    for problem in [&mut here, &mut there] {
-        problem.noise_scale = diagnosis.noise_scale.unwrap_or(1.0);
-    }
+    let at = |structure: &Structure, theta: &[f64]| {
+        problems_at(
+            (demos, held_out),
+            options,
+            diagnosis.noise_scale,
+            (structure, theta),
+        )
+    };
     let base_structure = Structure::default();
+    let (base_here, base_there) = at(&base_structure, &fit.base_theta)?;
+    let (here, there) = at(&structure, &fit.final_theta)?;
     let advice = Advice {
         next_demonstration: diagnosis.next_demonstration,
         swing: diagnosis.swing,
@@ -200,8 +206,8 @@ fn restore(
             prior_weight: fit.final_prior_weight,
             ..fit_from(&here, &structure, fit.final_theta.clone(), 1)?
         },
-        base: fit_from(&here, &base_structure, fit.base_theta.clone(), 1)?,
-        held_out_before: there.residuals(&base_structure, &fit.base_theta)?,
+        base: fit_from(&base_here, &base_structure, fit.base_theta.clone(), 1)?,
+        held_out_before: base_there.residuals(&base_structure, &fit.base_theta)?,
         held_out_after: there.residuals(&structure, &fit.final_theta)?,
         structure,
         rounds: diagnosis.rounds,

@@ -2,7 +2,7 @@
 //! that a fit took to the end of their range.
 
 use super::settings::{Inputs, RunSettings};
-use crate::diagnose::{LoopOptions, problems};
+use crate::diagnose::{LoopOptions, problems_at};
 use crate::fit::{FitResult, Profile, profiles};
 use crate::model::{Estimate, Structure};
 use crate::run_files::{kept, write_whole};
@@ -74,8 +74,8 @@ pub fn profile(
     });
     let (demos, held_out) = inputs.members();
     let options = LoopOptions::new(settings.resolution(), settings.seed);
-    let (mut problem, _) = problems(&demos, &held_out, &options)?;
-    problem.noise_scale = of.noise_scale.unwrap_or(1.0);
+    let model = (of.structure, &of.fitted.best.theta[..]);
+    let (problem, _) = problems_at((&demos, &held_out), &options, of.noise_scale, model)?;
     let found = ProfileFile {
         profiles: profiles(
             &problem,

@@ -209,6 +209,7 @@ fn parameters(
         p.quiet {
             "± is one standard error: noise with its correlation and, in the final model, how far a finer grid, "
             "thinner slices and another place on the grid would move the value; errors of the model itself are not in it. "
+            "Every simulated rope here is that of the finer grid. "
             "A parameter is not identified where the data say little beyond its prior, or of Young’s modulus less than a "
             "factor of 1.6; the value in brackets is then no more than one place in its range."
             @if !profiles.is_empty() {

@@ -90,7 +90,10 @@ pub fn residual_force(
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
         problem.noise_scale = all.noise_scale;
-        let problem = problem.settled(&outcome.structure, theta)?;
+        let problem =
+            problem
+                .settled(&outcome.structure, theta)?
+                .refined(options.finer, &outcome.structure, theta)?;
         estimate(&problem, &outcome.structure, theta, &noise)
     };
     let moving = demos.iter().zip(all.scenes).filter(|(demo, _)| moves(demo));

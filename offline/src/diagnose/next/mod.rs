@@ -23,9 +23,10 @@ use self::motions::{Candidate, Places, family};
 use self::power::{Miss, distance, power};
 use self::swing_risk::{SMALL_MM, SwingRisks};
 use self::words::{choose_narrowing, choose_separating};
+use super::bench::problems_at;
 use super::choice::tie_spread;
 use super::noise::Noise;
-use super::rounds::{LoopOptions, Outcome, problems};
+use super::rounds::{LoopOptions, Outcome};
 use super::verdict::Verdict;
 use crate::demo::Demo;
 use crate::effects;
@@ -200,8 +201,8 @@ impl<'a> Desk<'a> {
         outcome: &Outcome,
         options: &'a LoopOptions,
     ) -> Result<Self, FitError> {
-        let (mut problem, _) = problems(demos, held_out, options)?;
-        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        let model = (&outcome.structure, &outcome.fitted.best.theta[..]);
+        let (problem, _) = problems_at((demos, held_out), options, outcome.noise_scale, model)?;
         // Poses at rest have no motion to vary.
         let moves = |demo: &&Demo| !demo.spec.is_static();
         let varied = demos.iter().position(moves).unwrap_or(0);

@@ -73,8 +73,8 @@ pub fn still_alike(
     problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
     let models = alike(outcome);
     let refits = models.par_iter().map(|model| {
-        let theta = model.theta.clone();
-        fit_from(&problem, &model.structure, theta, REFIT_EVALUATIONS)
+        let here = problem.refined(options.finer, &model.structure, &model.theta)?;
+        fit_from(&here, &model.structure, model.theta.clone(), REFIT_EVALUATIONS)
     });
     let fits: Vec<FitResult> = refits.collect::<Result<_, _>>()?;
     let mut order: Vec<usize> = (0..models.len()).collect();
