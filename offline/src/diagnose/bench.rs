@@ -54,7 +54,9 @@ pub fn problems_at<'a>(
 pub(super) struct Bench<'a> {
     pub(super) fit: Problem<'a>,
     pub(super) held_out: Problem<'a>,
+    /// What is fitted, on the finer grid.
     pub(super) finer: Problem<'a>,
+    /// To whose predictions the others are refined.
     finer_grid: Resolution,
     /// Whether the simulation's own error is asked for.
     compares_grids: bool,

@@ -33,6 +33,7 @@ struct Moved {
 /// finer grid's then, at the price of the fit's ("defect correction", Stetter 1978). On 1.5 cells a rope without any effect
 /// lay 0.98 mm off the rod in a sealed motion of the benchmark, on 2.25 cells 0.60, on 4 cells 0.43.
 pub(crate) struct Refinement {
+    grid: Resolution,
     structure: Structure,
     theta: Vec<f64>,
     of_demos: Vec<Moved>,
@@ -47,11 +48,11 @@ impl Refinement {
     pub(super) fn of_points(&self, (demo, frame): (usize, usize), points_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let moved = &self.of_demos[demo].frames[frame];
         let slice = |i: usize| i * moved.len() / points_m.len();
-        let corrected = |(i, point): (usize, &[f64; 3])| {
+        let there = |(i, point): (usize, &[f64; 3])| {
             let by = moved[slice(i)];
             std::array::from_fn(|k| point[k] + by[k])
         };
-        points_m.iter().enumerate().map(corrected).collect()
+        points_m.iter().enumerate().map(there).collect()
     }
 }
 
@@ -61,8 +62,9 @@ impl Problem<'_> {
     /// # Errors
     /// A simulation stopped.
     pub fn refined(&self, grid: Resolution, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
-        let known = |made: &Refinement| made.structure == *structure && made.theta == theta;
-        if self.refinement.as_deref().is_some_and(known) {
+        let same =
+            |made: &Refinement| made.grid == grid && made.structure == *structure && made.theta == theta;
+        if self.refinement.as_deref().is_some_and(same) {
             return Ok(self.clone());
         }
         let finer = Problem::new(&self.demos, grid)?.of_share(self.frames);
@@ -73,6 +75,7 @@ impl Problem<'_> {
         };
         let (own, fine) = rayon::join(|| self.predict(structure, theta), fine);
         let refinement = Refinement {
+            grid,
             structure: structure.clone(),
             theta: theta.to_vec(),
             of_demos: differences(&own?, &fine?),
@@ -106,7 +109,7 @@ impl Problem<'_> {
     }
 
     /// The simulation's own error along the direction of each row of an evaluation, over its standard error, as far as a
-    /// correction tells it; nothing without one.
+    /// refinement tells it; nothing without one.
     pub fn grid_errors(&self, evaluation: &Evaluation) -> DVector<f64> {
         match &self.refinement {
             Some(refinement) => refinement.left * over_noise(evaluation, &refinement.of_demos),
