@@ -423,7 +423,7 @@ mod tests {
         let cell = &plain.cell;
         let mut truth = Truth {
             revision: crate::sim::REVISION,
-            reality_revision: 0,
+            reality_revision: Finer.revision(),
             key: cell.truth(),
             young_pa: 1e6,
             parts: Vec::new(),
