@@ -97,7 +97,7 @@ fn a_gripper_that_holds_the_rope_askew_is_found() {
     let demos = MOTIONS.map(|motion| {
         let level: Vec<[f64; 3]> = marker_arcs_m().iter().map(|&s_m| [s_m, 0.0, 0.0]).collect();
         let guess = vec![level; motion.frame_times_s().len()];
-        let track = Finer.play(
+        let track = Finer.rough_play(
             0.6e6,
             std::slice::from_ref(&askew),
             &hanging(&motion, &guess, 0.0),

@@ -181,6 +181,15 @@ impl Finer {
     pub fn play(&self, young_pa: f64, parts: &[Part], demo: &Demo) -> Result<Track, String> {
         play(FINER, young_pa, parts, demo)
     }
+
+    /// The same on a grid that is less fine, for what the finer one refuses: a rope that a gripper holds much askew from the
+    /// start.
+    ///
+    /// # Errors
+    /// The rope cannot be moved so; says why.
+    pub fn rough_play(&self, young_pa: f64, parts: &[Part], demo: &Demo) -> Result<Track, String> {
+        play(ROUGHER, young_pa, parts, demo)
+    }
 }
 
 fn play(finer: f64, young_pa: f64, parts: &[Part], demo: &Demo) -> Result<Track, String> {
