@@ -16,7 +16,6 @@ use crate::fit::{Evaluation, FitError, Problem, Resolution};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::run_files::{kept, made_by, write_whole};
-use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use crate::tell::Silent;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -237,12 +236,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
         })
         .collect();
     let (fit, held_out) = demos.split_at(FITTED);
-    let mut options = LoopOptions::new(
-        Resolution {
-            cells: MIN_CELLS_PER_DIAMETER,
-        },
-        cell.noise_seed(),
-    );
+    let mut options = LoopOptions::new(Resolution::COARSEST, cell.noise_seed());
     options.without = cell.without;
     if cell.hidden {
         options.hidden = Structure::of_ids(&cell.causes).effects;

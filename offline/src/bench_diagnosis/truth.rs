@@ -9,7 +9,6 @@ use crate::fit::{Evaluation, FitError, Problem, Resolution, fit_from};
 use crate::model::Structure;
 use crate::run_files::{Fnv64, read_whole, write_whole};
 use crate::sim::REVISION;
-use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use anyhow::{Context, anyhow};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -246,12 +245,7 @@ fn refitted(theta: Vec<f64>, tracks: &[Track]) -> Result<Evaluation, FitError> {
         .map(|(motion, track): (&Motion, _)| motion.demo(track, 0.0, 0))
         .collect();
     let demos: Vec<&Demo> = demos.iter().collect();
-    let problem = Problem::new(
-        &demos,
-        Resolution {
-            cells: MIN_CELLS_PER_DIAMETER,
-        },
-    )?;
+    let problem = Problem::new(&demos, Resolution::COARSEST)?;
     Ok(fit_from(&problem, &Structure::default(), theta, EVALUATIONS)?.best)
 }
 

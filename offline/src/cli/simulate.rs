@@ -22,10 +22,6 @@ use std::path::{Path, PathBuf};
 /// Cells across the rope: fewer bend too easily, and the work grows with their fourth power, at the end of the range
 /// to 800 times that of its beginning.
 pub const CELLS: [f64; 2] = [MIN_CELLS_PER_DIAMETER, 8.0];
-/// The coarsest of them.
-const COARSEST: Resolution = Resolution {
-    cells: MIN_CELLS_PER_DIAMETER,
-};
 
 /// Which rope does what.
 #[derive(Args)]
@@ -188,8 +184,15 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
             None => Ok(shipped()?[0].clone()),
         }
     };
+    let on = |usual: Resolution| arguments.cells.map_or(usual, |cells| Resolution { cells });
     if let (Some(release), Some(shape), None) = (&arguments.release, rope.shape, &arguments.demo) {
-        return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
+        return swing(
+            &rope,
+            shape,
+            [release[0], release[1]],
+            on(Resolution::COARSEST),
+            json,
+        );
     }
     if let Some(out) = &arguments.out {
         // Before minutes of simulation, not after them.
@@ -203,13 +206,20 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
         );
     }
     if let Some(release) = &arguments.release {
-        return swing(&rope, shape, [release[0], release[1]], arguments.cells, json);
+        return swing(
+            &rope,
+            shape,
+            [release[0], release[1]],
+            on(Resolution::COARSEST),
+            json,
+        );
     }
-    let resolution = match arguments.cells {
-        Some(cells) => Resolution { cells },
-        None => COARSEST.finer(),
-    };
-    let played = play(&demo, &rope.structure, &rope.theta, resolution)?;
+    let played = play(
+        &demo,
+        &rope.structure,
+        &rope.theta,
+        on(Resolution::COARSEST.finer()),
+    )?;
     if let Some(out) = &arguments.out {
         played.demo.save(out)?;
     }
@@ -220,7 +230,7 @@ fn swing(
     rope: &Rope,
     shape: RopeShape,
     release_m: [f64; 2],
-    cells: Option<f64>,
+    resolution: Resolution,
     json: bool,
 ) -> anyhow::Result<()> {
     let swing = SimulatedSwing {
@@ -228,7 +238,7 @@ fn swing(
         task: SwingTask::PAPER,
         structure: rope.structure.clone(),
         effect_values: rope.theta[2..].to_vec(),
-        resolution: cells.map_or(COARSEST, |cells| Resolution { cells }),
+        resolution,
     };
     let [x, z] = release_m;
     let reach_m = swing

@@ -73,20 +73,21 @@ impl Standing {
         Ok((here, Self { rivals, ..there }))
     }
 
-    /// The model as a bench has it now.
+    /// The model as a bench has it now, and its evaluation where held out.
     ///
     /// # Errors
     /// It cannot be simulated.
-    pub(super) fn anew(self, bench: &Bench) -> Result<Self, FitError> {
+    pub(super) fn anew(self, bench: &Bench) -> Result<(Self, Evaluation), FitError> {
         let again = bench.again(&self.structure, &self.fitted.best.theta)?;
         let fitted = FitResult {
             best: again.best,
             cost: again.cost,
             ..self.fitted
         };
-        let there = Self::of(bench, self.structure, fitted)?;
+        let held_out = bench.held_out.residuals(&self.structure, &fitted.best.theta)?;
+        let there = Self::judged(self.structure, fitted, ResidualSummary::of(&held_out));
         let rivals = self.rivals;
-        Ok(Self { rivals, ..there })
+        Ok((Self { rivals, ..there }, held_out))
     }
 
     /// A fitted model that leaves `held` where held out.

@@ -188,7 +188,6 @@ pub(super) mod tests {
     use crate::diagnose::{LoopOptions, ScoreTable};
     use crate::fit::{Resolution, fit_from};
     use crate::residual::ResidualSummary;
-    use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
     use crate::tell::Silent;
     use std::collections::BTreeMap;
     use std::sync::{Arc, Mutex, OnceLock};
@@ -263,8 +262,7 @@ pub(super) mod tests {
 
     /// Usual options.
     pub fn options() -> LoopOptions {
-        let cells = MIN_CELLS_PER_DIAMETER;
-        LoopOptions::new(Resolution { cells }, 5)
+        LoopOptions::new(Resolution::COARSEST, 5)
     }
 
     /// Where a model with some effects comes to soon.

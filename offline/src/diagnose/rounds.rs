@@ -71,7 +71,7 @@ impl LoopOptions {
         self.without != Some(Part::Nuisances)
     }
 
-    /// Defaults on a grid; a finer one is [`Resolution::finer`].
+    /// Defaults on a grid; the finer one is [`Resolution::finer`].
     pub fn new(resolution: Resolution, seed: u64) -> Self {
         Self {
             resolution,
@@ -255,7 +255,6 @@ pub fn resume_loop(
     let kept = earlier.as_ref().map(|memory| &memory.base);
     let (base, noise) = fit_base(&mut bench, options, kept, progress)?;
     bench.settle(&base.best.theta)?;
-    bench = bench.refined(&structure, &base.best.theta)?;
     let held_out_before = bench.held_out.residuals(&structure, &base.best.theta)?;
     let start = match earlier {
         Some(memory) => SoFar::again(memory, &bench)?,
@@ -321,9 +320,8 @@ impl Course<'_> {
     fn judge(&self, bench: &Bench, model: Standing) -> Result<Judged, FitError> {
         let refined = bench.refined(&model.structure, &model.fitted.best.theta);
         let bench = &refined.unwrap_or_else(|_| bench.unrefined());
-        let model = model.anew(bench)?;
+        let (model, held_out) = model.anew(bench)?;
         let (structure, fitted) = (&model.structure, &model.fitted);
-        let held_out = bench.held_out.residuals(structure, &fitted.best.theta)?;
         let left_mm = excess_mm(&ResidualSummary::of(&fitted.best), bench.doubt(&fitted.best));
         let grid_shift = grid_shift(&bench.fit, structure, &fitted.best, 1e-3 * left_mm)?;
         let invariances = bench.invariances((&fitted.best, structure), self.options);

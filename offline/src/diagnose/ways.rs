@@ -26,7 +26,7 @@ pub(super) struct SoFar {
 
 /// Where the loop ended.
 pub(super) struct Ended<'a> {
-    /// Refined at the model.
+    /// Refined at the model of the last round.
     pub(super) bench: Bench<'a>,
     pub(super) model: Standing,
     pub(super) rounds: Vec<Round>,

@@ -5,6 +5,7 @@ use super::problem::{Evaluation, FitError, Problem, Resolution};
 use super::uncertainty::shift_by;
 use crate::model::Structure;
 use crate::observe::{Row, bracket, interpolate};
+use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
 use crate::sim::{Rollout, Scene};
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -15,6 +16,11 @@ use std::sync::Arc;
 pub const FINER: f64 = 1.4;
 
 impl Resolution {
+    /// The coarsest that a rope may be simulated on, and the usual one.
+    pub const COARSEST: Self = Self {
+        cells: MIN_CELLS_PER_DIAMETER,
+    };
+
     /// That of a grid which is finer by [`FINER`].
     pub fn finer(self) -> Self {
         Self {

@@ -95,7 +95,6 @@ mod tests {
     use crate::demo::Demo;
     use crate::fit::{FrameShare, Problem, Resolution};
     use crate::model::Structure;
-    use crate::sim::scene::MIN_CELLS_PER_DIAMETER;
     use std::path::Path;
 
     /// What is fitted sees every stretch of the motion but its end, the noise all frames at rest.
@@ -124,10 +123,7 @@ mod tests {
             crate::demo::Observations::Clouds(clouds) => clouds.truncate(2),
             crate::demo::Observations::Markers(_) => panic!("the sample shows clouds"),
         }
-        let resolution = Resolution {
-            cells: MIN_CELLS_PER_DIAMETER,
-        };
-        let problem = Problem::new(&[&demo], resolution)
+        let problem = Problem::new(&[&demo], Resolution::COARSEST)
             .unwrap()
             .of_share(FrameShare::HeldOut);
         let refusal = problem.residuals(&Structure::default(), &[14.0, 0.3]).err();
