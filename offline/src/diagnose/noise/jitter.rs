@@ -7,6 +7,7 @@
 use super::{Noise, NoiseSource, in_frame, offset_along};
 use crate::fit::{Evaluation, Problem};
 use crate::observe::Row;
+use crate::statistics::{NORMAL_99, ratio_of_mean_squares};
 
 /// Third differences: weights of four frames in a row.
 const WEIGHTS: [f64; 4] = [-1.0, 3.0, -3.0, 1.0];
@@ -29,7 +30,8 @@ pub(super) fn more_than_declared(problem: &Problem, evaluation: &Evaluation) -> 
         }
     }
     let noise = at_least(squares)?;
-    (noise.scale.powi(2) > 1.0 + noise.doubt(usize::MAX)).then_some(noise)
+    let by_chance = ratio_of_mean_squares(NORMAL_99, noise.values, f64::INFINITY);
+    (noise.scale.powi(2) > by_chance).then_some(noise)
 }
 
 fn at_least(mut squares: Vec<f64>) -> Option<Noise> {

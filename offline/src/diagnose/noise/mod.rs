@@ -17,6 +17,7 @@ pub use whiten::Whitener;
 
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
+use crate::statistics::{NORMAL_99, ratio_of_mean_squares};
 use serde::{Deserialize, Serialize};
 
 /// Fewest frames at rest, or in a row that both of two recordings saw, from which noise is measured.
@@ -181,20 +182,20 @@ impl Noise {
     /// wrong. The upper end of a one-sided 99 % interval: such a model is asked more than once, where fitted and where held
     /// out, and one in twenty would be a stand-in by chance.
     pub fn doubt(&self, rows: usize) -> f64 {
-        2.326 * self.uncertainty(rows)
+        self.exceeded(NORMAL_99, rows)
     }
 
     /// The same before other causes are not looked for, which costs nothing but time: a curl that left 1.19 mm where the
     /// floor was 0.92 would else have been the first and last to be tried of a rope on a table that leaned.
     pub fn slight_doubt(&self, rows: usize) -> f64 {
-        self.uncertainty(rows)
+        self.exceeded(1.0, rows)
     }
 
-    /// Standard deviation of a noise floor's square under so many offsets, as a share of it: both mean squares are of few
-    /// independent values.
-    fn uncertainty(&self, rows: usize) -> f64 {
+    /// Share of its square by which what so many offsets leave exceeds the noise floor as seldom as a normal number does `z`:
+    /// both are mean squares of few independent values.
+    fn exceeded(&self, z: f64, rows: usize) -> f64 {
         let seen = independent_squares(rows as f64, self.in_time, self.along_rope);
-        (2.0 / self.values + 2.0 / seen).sqrt()
+        ratio_of_mean_squares(z, seen, self.values) - 1.0
     }
 }
 
