@@ -1,14 +1,29 @@
 //! Cholesky factor of a symmetric positive definite band matrix, and solutions with it.
+//!
+//! Columns lie one after another, and the factor is made of four of them at a time: a tile of rows of four columns stays in
+//! registers while what the columns before give it is taken away. Each entry's sum runs in the order of the columns, on
+//! registers of every width.
 
 use super::widest::on_widest;
 
-/// A symmetric matrix of which only entries near the diagonal are not zero. Row i holds the columns
-/// i − band to i.
+/// A symmetric matrix of which only entries near the diagonal are not zero. Column j holds the rows j to j + band and
+/// [`BEYOND`] zeros.
 #[derive(Clone, Debug)]
 pub struct Band {
     size: usize,
     band: usize,
-    rows: Vec<f64>,
+    columns: Vec<f64>,
+}
+
+/// Columns and rows of a tile.
+const WIDE: usize = 4;
+const TALL: usize = 16;
+/// Rows by which a tile that begins in the band of its last column may reach beyond that of its first.
+const BEYOND: usize = TALL + WIDE - 2;
+
+/// From one column to the next.
+fn stride(band: usize) -> usize {
+    band + 1 + BEYOND
 }
 
 impl Band {
@@ -17,63 +32,42 @@ impl Band {
         Self {
             size,
             band,
-            rows: vec![0.0; size * (band + 1)],
+            columns: vec![0.0; size.next_multiple_of(WIDE) * stride(band)],
         }
+    }
+
+    /// Where the entry (i, j) lies, which is not right of the diagonal.
+    #[inline(always)]
+    fn place(&self, i: usize, j: usize) -> usize {
+        assert!(i - j <= self.band, "outside the band");
+        j * stride(self.band) + (i - j)
     }
 
     /// Adds to the entry (i, j) and its mirror image; |i − j| is at most the band.
     #[inline(always)]
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
-        let (i, j) = if i >= j { (i, j) } else { (j, i) };
-        assert!(i - j <= self.band, "outside the band");
-        self.rows[i * (self.band + 1) + self.band - (i - j)] += value;
+        let place = self.place(i.max(j), i.min(j));
+        self.columns[place] += value;
     }
 
-    /// Adds to the entries (i, j), (i, j + 1) and so on, none of which is right of the diagonal.
+    /// Adds to the entries (i, j), (i + 1, j) and so on, none of which is right of the diagonal.
     #[inline(always)]
-    pub fn add_row(&mut self, i: usize, j: usize, values: &[f64]) {
-        assert!(i - j <= self.band, "outside the band");
-        let first = i * (self.band + 1) + self.band - (i - j);
-        for (entry, value) in self.rows[first..first + values.len()].iter_mut().zip(values) {
+    pub fn add_column(&mut self, i: usize, j: usize, values: &[f64]) {
+        let first = self.place(i, j);
+        for (entry, value) in self.columns[first..first + values.len()].iter_mut().zip(values) {
             *entry += value;
         }
     }
 
-    /// The diagonal entry i.
-    pub fn diagonal(&self, i: usize) -> f64 {
-        self.rows[i * (self.band + 1) + self.band]
+    /// The entry (i, j), which is not right of the diagonal.
+    pub fn entry(&self, i: usize, j: usize) -> f64 {
+        self.columns[self.place(i, j)]
     }
 
     /// Zeros again.
     pub fn clear(&mut self) {
-        self.rows.fill(0.0);
+        self.columns.fill(0.0);
     }
-}
-
-/// Sixteen sums at once, which the compiler turns into vector registers.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 16];
-    let (a16, a_rest) = a.as_chunks::<16>();
-    let (b16, b_rest) = b.as_chunks::<16>();
-    for (x, y) in a16.iter().zip(b16) {
-        for k in 0..16 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    let mut fours = [0.0; 4];
-    let (a4, a_rest) = a_rest.as_chunks::<4>();
-    let (b4, b_rest) = b_rest.as_chunks::<4>();
-    for (x, y) in a4.iter().zip(b4) {
-        for k in 0..4 {
-            fours[k] += x[k] * y[k];
-        }
-    }
-    for k in 0..4 {
-        fours[k] += (sums[k] + sums[k + 4]) + (sums[k + 8] + sums[k + 12]);
-    }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    fours[0] + fours[1] + fours[2] + fours[3] + rest
 }
 
 /// The factor L of a matrix A = L Lᵀ, in memory that is used again.
@@ -90,97 +84,230 @@ impl Factor {
     /// it is not there is no factor.
     #[must_use]
     pub fn factorise(&mut self, matrix: &Band, more: impl Fn(usize) -> f64) -> bool {
-        let (rows, width) = (&mut self.0.rows, self.0.band + 1);
-        rows.copy_from_slice(&matrix.rows);
-        for (i, diagonal) in rows.iter_mut().skip(width - 1).step_by(width).enumerate() {
-            *diagonal += more(i);
-        }
-        on_widest!(cholesky(rows: &mut [f64], width: usize) -> bool)
+        let (factor, stride) = (&mut self.0.columns[..], stride(matrix.band));
+        let added = |i: usize| if i < matrix.size { more(i) } else { 1.0 };
+        let added: Vec<f64> = (0..matrix.size.next_multiple_of(WIDE)).map(added).collect();
+        let (matrix, added) = (&matrix.columns[..], &added[..]);
+        on_widest!(cholesky(matrix: &[f64], added: &[f64], factor: &mut [f64], stride: usize) -> bool)
     }
 
     /// Solves L Lᵀ x = b in place.
     pub fn solve(&self, x: &mut [f64]) {
-        let Band { size, band, rows } = &self.0;
-        let (size, band, width) = (*size, *band, *band + 1);
-        for i in 0..size {
-            let first = i.saturating_sub(band);
-            let row = &rows[i * width..(i + 1) * width];
-            x[i] = (x[i] - dot(&row[first + band - i..band], &x[first..i])) / row[band];
-        }
-        for i in (0..size).rev() {
-            let first = i.saturating_sub(band);
-            let row = &rows[i * width..(i + 1) * width];
-            x[i] /= row[band];
-            let known = x[i];
-            for (entry, l) in x[first..i].iter_mut().zip(&row[first + band - i..band]) {
-                *entry -= l * known;
-            }
-        }
+        let (columns, stride) = (&self.0.columns[..], stride(self.0.band));
+        on_widest!(solve(columns: &[f64], stride: usize, x: &mut [f64]) -> ());
     }
 }
 
-/// Replaces a band matrix, rows of `width`, by its factor; returns whether it was positive definite.
 #[inline(always)]
-fn cholesky(rows: &mut [f64], width: usize) -> bool {
-    let band = width - 1;
-    let size = rows.len() / width;
-    // The first column of each row that is not zero stays the first in the factor.
-    let mut firsts = Vec::with_capacity(size);
-    for i in 0..size {
-        let row = &rows[i * width..(i + 1) * width];
-        let zeros = row.iter().position(|x| *x != 0.0).unwrap_or(band);
-        let first = (i + zeros).saturating_sub(band);
-        firsts.push(first);
-        let (above, from_i) = rows.split_at_mut(i * width);
-        let row_i = &mut from_i[..width];
-        for j in first..i {
-            let start = first.max(firsts[j]);
-            let row_j = &above[j * width..(j + 1) * width];
-            let a = &row_i[start + band - i..j + band - i];
-            let b = &row_j[start + band - j..band];
-            row_i[j + band - i] = (row_i[j + band - i] - dot(a, b)) / row_j[band];
+fn solve(columns: &[f64], stride: usize, x: &mut [f64]) {
+    for (j, column) in columns.chunks_exact(stride).enumerate().take(x.len()) {
+        let (known, later) = x[j..].split_first_mut().expect("a row of its own");
+        *known /= column[0];
+        for (entry, l) in later.iter_mut().zip(&column[1..]) {
+            *entry -= l * *known;
         }
-        let before = &row_i[first + band - i..band];
-        let pivot = row_i[band] - dot(before, before);
-        if pivot.is_nan() || pivot <= 1e-14 * row_i[band] {
+    }
+    for (j, column) in columns.chunks_exact(stride).enumerate().take(x.len()).rev() {
+        let (entry, later) = x[j..].split_first_mut().expect("a row of its own");
+        *entry = (*entry - dot(&column[1..], later)) / column[0];
+    }
+}
+
+/// Sixteen sums at once, which the compiler turns into vector registers.
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len().min(b.len());
+    let (a, a_rest) = a[..count].as_chunks::<16>();
+    let (b, b_rest) = b[..count].as_chunks::<16>();
+    let mut sums = [0.0; 16];
+    for (x, y) in a.iter().zip(b) {
+        for k in 0..16 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Makes the factor of a band matrix with another diagonal, both in columns of `stride`; returns whether there is one.
+#[inline(always)]
+fn cholesky(matrix: &[f64], added: &[f64], factor: &mut [f64], stride: usize) -> bool {
+    let mut reach = Reach::default();
+    let mut first = 0;
+    for j in (0..added.len()).step_by(WIDE) {
+        let columns = matrix[j * stride..].chunks_exact(stride).take(WIDE);
+        columns.for_each(|column| reach.push(column));
+        first = reach.first(first, j);
+        let corner_tile = tile(matrix, factor, stride, ([j, j], first));
+        let own: [f64; WIDE] = std::array::from_fn(|c| matrix[(j + c) * stride] + added[j + c]);
+        if !corner(factor, stride, j, (corner_tile, &own, &added[j..j + WIDE])) {
             return false;
         }
-        row_i[band] = pivot.sqrt();
+        let (mut i, mut first) = (j + TALL, first);
+        while i <= reach.last() {
+            first = reach.first(first, i).min(j);
+            let lower = tile(matrix, factor, stride, ([i, j], first));
+            below(factor, stride, [i, j], lower);
+            i += TALL;
+        }
+        for c in j..j + WIDE {
+            factor[c * stride..][..stride][(i - c).min(stride)..].fill(0.0);
+        }
     }
     true
+}
+
+/// How far down the columns of a factor reach: as far as those before them.
+#[derive(Default)]
+struct Reach(Vec<usize>);
+
+impl Reach {
+    /// Takes in a column of the matrix.
+    #[inline(always)]
+    fn push(&mut self, column: &[f64]) {
+        let own = column.iter().rposition(|entry| *entry != 0.0).unwrap_or(0);
+        self.0.push(self.last().max(self.0.len() + own));
+    }
+
+    /// The first column, from one that comes no later on, that reaches row `i`.
+    #[inline(always)]
+    fn first(&self, from: usize, i: usize) -> usize {
+        from + self.0[from..].iter().take_while(|reach| **reach < i).count()
+    }
+
+    /// The last row that is reached.
+    fn last(&self) -> usize {
+        self.0.last().copied().unwrap_or(0)
+    }
+}
+
+/// Some rows of some columns, column by column.
+type Tile = [[f64; TALL]; WIDE];
+
+/// The tile of a matrix from the entry (i, j) on, less what columns of the factor from `first` on give to it; nothing right of
+/// the diagonal means anything.
+#[inline(always)]
+fn tile(matrix: &[f64], factor: &[f64], stride: usize, ([i, j], first): ([usize; 2], usize)) -> Tile {
+    let mut tile = [[0.0; TALL]; WIDE];
+    for c in 0..WIDE {
+        let above = (j + c).saturating_sub(i);
+        let from = (j + c) * stride + (i + above) - (j + c);
+        tile[c][above..].copy_from_slice(&matrix[from..from + TALL - above]);
+    }
+    // The next entry of a row lies one less than a column further on.
+    let before = factor[first * (stride - 1) + j..].chunks_exact(stride - 1);
+    for column in before.take(j - first) {
+        let factors: [f64; WIDE] = std::array::from_fn(|c| column[c]);
+        let rows: [f64; TALL] = std::array::from_fn(|r| column[i - j..][r]);
+        for c in 0..WIDE {
+            for r in 0..TALL {
+                tile[c][r] -= rows[r] * factors[c];
+            }
+        }
+    }
+    tile
+}
+
+/// Factorises the tile on the diagonal from column `j` on, whose own entries there are others; returns whether it is positive
+/// definite.
+#[inline(always)]
+fn corner(
+    factor: &mut [f64],
+    stride: usize,
+    j: usize,
+    (mut tile, own, added): (Tile, &[f64; WIDE], &[f64]),
+) -> bool {
+    for c in 0..WIDE {
+        tile[c][c] += added[c];
+        for k in 0..c {
+            let by = tile[k][c];
+            for r in 0..TALL {
+                tile[c][r] -= tile[k][r] * by;
+            }
+        }
+        let pivot = tile[c][c];
+        if pivot.is_nan() || pivot <= 1e-14 * own[c] {
+            return false;
+        }
+        let over_root = 1.0 / pivot.sqrt();
+        for r in 0..TALL {
+            tile[c][r] *= over_root;
+        }
+        let column = (j + c) * stride;
+        factor[column..column + TALL - c].copy_from_slice(&tile[c][c..]);
+    }
+    true
+}
+
+/// Factorises the tile from the entry (i, j) on, below one on the diagonal.
+#[inline(always)]
+fn below(factor: &mut [f64], stride: usize, [i, j]: [usize; 2], mut tile: Tile) {
+    for c in 0..WIDE {
+        for k in 0..c {
+            let by = factor[(j + k) * stride + c - k];
+            for r in 0..TALL {
+                tile[c][r] -= tile[k][r] * by;
+            }
+        }
+        let over_root = 1.0 / factor[(j + c) * stride];
+        for r in 0..TALL {
+            tile[c][r] *= over_root;
+        }
+        factor[(j + c) * stride + i - j - c..][..TALL].copy_from_slice(&tile[c]);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
 
-    #[test]
-    fn a_band_system_is_solved_and_an_indefinite_one_refused() {
-        let (size, band) = (23, 6);
-        let mut a = Band::new(size, band);
-        let mut full = vec![vec![0.0; size]; size];
+    /// A matrix of which each row begins somewhere in the band, and the same in full.
+    fn matrices(size: usize, band: usize, seed: usize) -> (Band, DMatrix<f64>) {
+        let (mut a, mut full) = (Band::new(size, band), DMatrix::zeros(size, size));
         for i in 0..size {
-            for j in i.saturating_sub(band)..=i {
+            let begins = (i * seed + i / 3) % (band + 1);
+            for j in i.saturating_sub(begins)..=i {
                 let value = if i == j {
-                    20.0
+                    4.0 * band as f64 + 1.0
                 } else {
-                    ((7 * i + 3 * j) % 5) as f64 - 2.0
+                    ((7 * i + 3 * j + seed) % 5) as f64 - 2.0
                 };
                 a.add(i, j, value);
-                full[i][j] = value;
-                full[j][i] = value;
+                (full[(i, j)], full[(j, i)]) = (value, value);
             }
         }
-        let truth: Vec<f64> = (0..size).map(|i| (i as f64).sin()).collect();
-        let mut x: Vec<f64> = (0..size).map(|i| dot(&full[i], &truth)).collect();
-        let mut negative = a.clone();
-        negative.add(9, 9, -40.0);
-        let mut factor = Factor::new(size, band);
-        assert!(!factor.factorise(&negative, |_| 0.0));
-        assert!(factor.factorise(&negative, |i| if i == 9 { 40.0 } else { 0.0 }));
-        factor.solve(&mut x);
-        for (x, truth) in x.iter().zip(&truth) {
-            assert!((x - truth).abs() < 1e-12);
+        (a, full)
+    }
+
+    proptest! {
+        /// Whatever the size, the band and where rows begin; also in memory that held the factor of a fuller matrix.
+        #[test]
+        fn a_band_system_is_solved(size in 1usize..90, band in 0usize..50, seeds in [0usize..1000, 0..1000]) {
+            let mut factor = Factor::new(size, band);
+            for seed in [seeds[0], seeds[1]] {
+                let (a, full) = matrices(size, band, seed);
+                let truth = DVector::from_fn(size, |i, _| (i as f64).sin());
+                let mut x = &full * &truth;
+                prop_assert!(factor.factorise(&a, |_| 0.0));
+                factor.solve(x.as_mut_slice());
+                prop_assert!((x - truth).amax() < 1e-12);
+            }
         }
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_refused_until_enough_is_added() {
+        let (size, band) = (23, 6);
+        let (mut a, full) = matrices(size, band, 5);
+        a.add(9, 9, -60.0);
+        let mut factor = Factor::new(size, band);
+        assert!(!factor.factorise(&a, |_| 0.0));
+        assert!(factor.factorise(&a, |i| if i == 9 { 60.0 } else { 0.0 }));
+        let truth = DVector::from_fn(size, |i, _| (i as f64).cos());
+        let mut x = full * &truth;
+        factor.solve(x.as_mut_slice());
+        assert!((x - truth).amax() < 1e-12);
     }
 }

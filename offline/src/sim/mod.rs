@@ -146,6 +146,7 @@ pub const REVISION: u32 = 9;
 pub mod adjoint;
 pub mod axial;
 pub mod band;
+mod block;
 mod block_material;
 mod blocks;
 pub mod clamp;

@@ -8,13 +8,13 @@
 //!   slowly that no search gets away from where it stands. Springs across the plane hold it in, and pull at nothing but what
 //!   thickens or thins.
 
-use super::band::Band;
+use super::block::{Block, PerNode, Rows, per_node};
 use super::grid::{Grid, STENCIL};
 use super::real::Real;
 use super::rope::RopeLayout;
 use super::statics::Statics;
-use super::stiffness::add_spring;
 use super::tensor::{Mat3, Vec3, add, dot, matvec, mul, scaled, sub, zero3};
+use super::widest::on_widest;
 
 /// Stiffness with which a node that sees next to nothing keeps to the affine motion of its particles, in moduli of P waves
 /// over a squared cell. With half as much or less a search took up to 83 steps in place of 13, and came to rest where no
@@ -109,20 +109,20 @@ impl<T: Real> Props<T> {
         }
     }
 
-    /// Adds what particle `p`, whose nodes have the rows `at`, gives to a tangent matrix.
+    /// Adds what particle `p` gives to the stiffness of those that meet its nodes.
     pub(super) fn add_stiffness(
         &self,
-        matrix: &mut Band,
-        at: &[usize],
+        block: &mut Block,
         (grid, p, volume_m3): (&Grid<f64>, usize, f64),
         mass_kg: f64,
     ) {
         let link = &grid.links[p];
+        let weights = per_node(|entry| link.weights[entry]);
         if let Some(across) = &self.across {
-            add_spring(matrix, (at, &link.weights), Y..Y + 1, mass_kg * across.per_kg);
+            block.add_spring(Y..Y + 1, &weights, mass_kg * across.per_kg);
         }
-        let of_node = |slot: u32| volume_m3 * self.affine_pa_m2[slot as usize].value();
-        add_affine(matrix, at, (grid, p), &link.slots.map(of_node));
+        let of_node = |entry: usize| volume_m3 * self.affine_pa_m2[link.slots[entry] as usize].value();
+        add_affine(block, (grid, p), &weights, &per_node(of_node));
     }
 }
 
@@ -141,42 +141,55 @@ fn slightness(layout: &RopeLayout, grid: &Grid<f64>) -> Vec<f64> {
 /// Adds stiffnesses k, N/m, against what of the motion of a particle's nodes is not affine: with their weights w and
 /// offsets d, E = ½ Σ k w |y − x − F d|², where x = Σ w y and F = c Σ w y dᵀ with c = 4/dx². Node i moves the affine motion
 /// at node j by w_i q_ij with q_ij = 1 + c d_i·d_j.
-fn add_affine(
-    matrix: &mut Band,
-    at: &[usize],
-    (grid, p): (&Grid<f64>, usize),
-    stiffness_n_m: &[f64; STENCIL],
-) {
+fn add_affine(block: &mut Block, (grid, p): (&Grid<f64>, usize), weights: &PerNode, stiffness_n_m: &PerNode) {
     if stiffness_n_m.iter().all(|&k| k == 0.0) {
         return;
     }
     let per_m2 = 4.0 / (grid.spacing_m * grid.spacing_m);
-    let weights = &grid.links[p].weights;
-    let offsets_m: [Vec3<f64>; STENCIL] = std::array::from_fn(|entry| grid.offset_m(p, entry));
+    let offsets_m: [PerNode; 3] = [0, 1, 2].map(|k| per_node(|entry| grid.offset_m(p, entry)[k]));
+    let mut rows = [[0.0; 32]; STENCIL];
+    let rows_of_all = &mut rows;
+    on_widest!(affine_rows(
+        rows_of_all: &mut Rows,
+        weights: &PerNode,
+        offsets_m: [PerNode; 3],
+        stiffness_n_m: &PerNode,
+        per_m2: f64
+    ) -> ());
+    block.add_along(0..3, &rows);
+}
+
+/// See [`add_affine`].
+#[inline(always)]
+fn affine_rows(
+    rows: &mut Rows,
+    weights: &PerNode,
+    offsets_m: [PerNode; 3],
+    stiffness_n_m: &PerNode,
+    per_m2: f64,
+) {
     // Moments of k w, with which Σ k w q_i q_j is had for each pair at once.
     let (mut sum, mut first, mut second) = (0.0, [0.0; 3], [[0.0; 3]; 3]);
     for entry in 0..STENCIL {
-        let (share, d) = (stiffness_n_m[entry] * weights[entry], offsets_m[entry]);
+        let share = stiffness_n_m[entry] * weights[entry];
+        let d = offsets_m.each_ref().map(|along| along[entry]);
         sum += share;
         first = add(first, scaled(d, share));
         second = std::array::from_fn(|a| add(second[a], scaled(d, share * d[a])));
     }
-    for j in 0..STENCIL {
-        let turned = matvec(&second, offsets_m[j]);
-        for i in (0..STENCIL).filter(|&i| at[i] >= at[j]) {
-            let q = 1.0 + per_m2 * dot(offsets_m[i], offsets_m[j]);
-            let both = sum
-                + per_m2 * dot(first, add(offsets_m[i], offsets_m[j]))
-                + per_m2 * per_m2 * dot(offsets_m[i], turned);
-            let own = if i == j {
-                stiffness_n_m[i] * weights[i]
-            } else {
-                0.0
-            };
-            let shared = both - q * (stiffness_n_m[i] + stiffness_n_m[j]);
-            for k in 0..3 {
-                matrix.add(at[i] + k, at[j] + k, own + weights[i] * weights[j] * shared);
-            }
+    for (j, row) in rows.iter_mut().enumerate() {
+        let d = offsets_m.each_ref().map(|along| along[j]);
+        let turned = matvec(&second, d);
+        let [linear, square] = [scaled(first, per_m2), scaled(turned, per_m2 * per_m2)];
+        let moved = add(linear, square);
+        let constant = sum + per_m2 * dot(first, d);
+        for (i, entry) in row.iter_mut().enumerate() {
+            let along =
+                |by: &Vec3<f64>| by[0] * offsets_m[0][i] + by[1] * offsets_m[1][i] + by[2] * offsets_m[2][i];
+            let q = 1.0 + per_m2 * along(&d);
+            let both = constant + along(&moved);
+            *entry = weights[i] * weights[j] * (both - q * (stiffness_n_m[i] + stiffness_n_m[j]));
         }
+        row[j] += stiffness_n_m[j] * weights[j];
     }
 }

@@ -355,6 +355,11 @@ impl Scene {
         };
     }
 
+    /// Cells across the rope.
+    pub fn cells_per_diameter(&self) -> f64 {
+        self.rope.diameter_m / self.grid.spacing_m
+    }
+
     /// Whether no clamp opens before the end.
     pub fn holds_throughout(&self) -> bool {
         let mut knots = self.grips.iter().flat_map(|grip| grip.path.knots());

@@ -28,8 +28,8 @@ use super::rollout::{grip_motions, masses_kg};
 use super::rope::RopeLayout;
 use super::scene::Scene;
 use super::softness::Softness;
-use super::stiffness::{Common, add_spring, add_stiffness, stress_slope};
-use super::tensor::{Mat3, Vec3, add, cross, det, matmul, mul, scaled, sub, zero3};
+use super::stiffness::meeting;
+use super::tensor::{Mat3, Vec3, add, cross, det, mul, scaled, sub, zero3};
 use std::collections::BTreeMap;
 
 /// A spring that pulls the rope's axis to a point where it was seen.
@@ -74,15 +74,17 @@ pub struct Statics<'a, T: Real> {
     pub(super) masses_kg: Vec<T>,
     pub(super) lame: Lame<T>,
     /// The material, of which nothing is taken down yet.
-    material: Material<T>,
+    pub(super) material: Material<T>,
     /// Stiffness of the clamps' springs per mass, 1/s², that of the rollout.
-    clamp_per_kg: T,
+    pub(super) clamp_per_kg: T,
     /// The grips' pads, where they give.
     pads: Option<Pads<T>>,
     /// The grip that may hold each particle, and where it belongs in it.
     gripped: Vec<Option<(usize, [f64; 3])>>,
+    /// Particles that meet the same nodes.
+    pub(super) meeting: Vec<Vec<usize>>,
     /// Place of each node in the matrix, along the rope.
-    place: Vec<usize>,
+    pub(super) place: Vec<usize>,
     band: usize,
 }
 
@@ -139,6 +141,7 @@ impl<'a, T: Real> Statics<'a, T> {
             scene,
             physics,
             layout,
+            meeting: meeting(&grid),
             grid,
             masses_kg,
             lame,
@@ -219,7 +222,7 @@ impl<'a, T: Real> Statics<'a, T> {
     }
 
     /// Where the grips want a particle, m; none where it is free.
-    fn target(&self, motions: &Motions<T>, particle: usize) -> Option<Vec3<T>> {
+    pub(super) fn target(&self, motions: &Motions<T>, particle: usize) -> Option<Vec3<T>> {
         let (grip, offset_m) = self.gripped[particle]?;
         motions[grip].as_ref().map(|motion| motion.place(offset_m))
     }
@@ -359,7 +362,7 @@ impl<'a, T: Real> Statics<'a, T> {
         } = matrices;
         self.fill_tangent(tangent, nodes, hold);
         while inertia.is_finite() {
-            let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.diagonal(at);
+            let more = |at: usize| *inertia * mass_kg[at / 3] + REGULARISATION * tangent.entry(at, at);
             if factor.factorise(tangent, more) {
                 *softness = self.softness(factor, nodes, hold);
                 return Ok(());
@@ -393,57 +396,6 @@ impl<'a, T: Real> Statics<'a, T> {
             slopes.push((slope.turn_per_torque, pulls));
         }
         Some(Softness::new(factor, slopes))
-    }
-
-    fn fill_tangent(&self, matrix: &mut Band, nodes: &[Vec3<T>], hold: &Hold<T>) {
-        matrix.clear();
-        let lame = Lame {
-            mu: self.lame.mu.value(),
-            lambda: self.lame.lambda.value(),
-        };
-        let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
-        let members = self.layout.section_m.len();
-        for slice in 0..self.layout.slices.len() {
-            let mut common = Common::default();
-            for p in slice * members..(slice + 1) * members {
-                let link = &self.grid.links[p];
-                let (_, f) = self.particle(nodes, p);
-                let (shape, bending) = self.material.shape_and_bending(p);
-                let elastic = matmul(&f.map(|row| row.map(T::value)), &shape);
-                let volume = self.layout.particle_volume_m3(p);
-                let gradients: [[f64; 3]; STENCIL] = std::array::from_fn(|entry| {
-                    let d = self.grid.offset_m(p, entry);
-                    let d = d.map(|d| d * scale * link.weights[entry]);
-                    // F A varies with a node as F does, seen from the stress-free shape.
-                    std::array::from_fn(|b| (0..3).map(|c| d[c] * shape[c][b]).sum())
-                });
-                let at = link.slots.map(|slot| 3 * self.place[slot as usize]);
-                let slope = stress_slope(&elastic, &lame);
-                add_stiffness(matrix, &at, &gradients, &slope, bending * volume / det(&shape));
-                if bending != 1.0 {
-                    common.add(&elastic, &at, &gradients, 1.0 / members as f64);
-                    common.volume_m3 += (1.0 - bending) * volume;
-                }
-                if self.target(hold.motions, p).is_some() {
-                    let spring = (self.masses_kg[p] * self.clamp_per_kg).value();
-                    add_spring(matrix, (&at, &link.weights), 0..3, spring);
-                }
-                if let Some(props) = hold.props {
-                    let mass_kg = self.masses_kg[p].value();
-                    props.add_stiffness(matrix, &at, (&self.grid, p, volume), mass_kg);
-                }
-            }
-            if common.volume_m3 != 0.0 {
-                let (at, gradients): (Vec<usize>, Vec<[f64; 3]>) = common.gradients.into_iter().unzip();
-                let slope = stress_slope(&common.elastic, &lame);
-                add_stiffness(matrix, &at, &gradients, &slope, common.volume_m3);
-            }
-        }
-        for (pin, row) in hold.pins {
-            let (at, weights): (Vec<usize>, Vec<f64>) =
-                row.iter().map(|(node, w)| (3 * self.place[*node], *w)).unzip();
-            add_spring(matrix, (&at, &weights), 0..3, pin.stiffness_n_m);
-        }
     }
 
     /// Moves the nodes by as much as is admissible of a step with the matrix as it was factorised last.
@@ -491,10 +443,10 @@ impl<'a, T: Real> Statics<'a, T> {
     /// The share of a step that changes no deformation gradient by more than [`STEP_CAP`] and takes no more than
     /// [`VOLUME_KEPT`] of any particle's volume.
     fn admissible_share(&self, nodes: &[Vec3<T>], step: &[Vec3<T>]) -> f64 {
-        let values = |f: Mat3<T>| f.map(|row| row.map(T::value));
+        let values = [nodes, step].map(|list| list.iter().map(|y| y.map(T::value)).collect::<Nodes<f64>>());
         // The map from nodes to gradients is linear.
         let moves: Vec<[Mat3<f64>; 2]> = (0..self.layout.particles())
-            .map(|p| [self.particle(nodes, p).1, self.particle(step, p).1].map(values))
+            .map(|p| values.each_ref().map(|list| gather(&self.grid, list, p).1))
             .collect();
         let size = |[_, change]: &[Mat3<f64>; 2]| change.iter().flatten().map(|c| c * c).sum::<f64>().sqrt();
         let largest = moves.iter().map(size).fold(0.0, f64::max);
