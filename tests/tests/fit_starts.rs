@@ -3,7 +3,7 @@
 
 use offline::observe::Section;
 use offline::reproduce::data::{STARTS, Source, WHOLE_RANGE, draw, record};
-use offline::reproduce::ours::{demo_of, fit_clouds};
+use offline::reproduce::ours::{Predicted, demo_of, fit_clouds};
 use offline::reproduce::scene::{Discretisation, demonstration};
 use std::time::Instant;
 
@@ -26,7 +26,7 @@ fn every_start_leads_to_the_same_minimum() {
         let recorded = record(truth, Source::Sampled, &fitter).unwrap();
         let demo = demo_of(&scene, recorded.particles_m, 0.0, Vec::new());
         let begin = Instant::now();
-        let five = fit_clouds(&demo, &scene, Section::Filled, SEED, 5).unwrap();
+        let five = fit_clouds(&demo, &scene, Section::Filled, (SEED, 5), Predicted::OwnGrid).unwrap();
         println!(
             "rope {rope}: truth {truth:.4?}, found {:.4?} from five starts in {:.1} s, {:?} after {}",
             five.parameters,
@@ -37,7 +37,7 @@ fn every_start_leads_to_the_same_minimum() {
         for start in 0..STARTS_PER_ROPE {
             let seed = 1000 * (rope + 1) + start;
             let from = draw(WHOLE_RANGE, seed, 0);
-            match fit_clouds(&demo, &scene, Section::Filled, seed, 1) {
+            match fit_clouds(&demo, &scene, Section::Filled, (seed, 1), Predicted::OwnGrid) {
                 Ok(fit) if (fit.parameters[0] / five.parameters[0] - 1.0).abs() < SAME_MINIMUM => {}
                 Ok(fit) => failures.push(format!("rope {rope} from {from:.3?}: {fit:?}")),
                 Err(error) => failures.push(format!("rope {rope} from {from:.3?}: {error}")),

@@ -76,7 +76,7 @@ pub struct Intervals {
     #[arg(long, default_value_t = 200, value_parser = count::<u64>(1..=10_000), allow_negative_numbers = true)]
     demonstrations: u64,
     /// How the data differ from the simulation that is fitted.
-    #[arg(long, value_enum, default_value = "sampled")]
+    #[arg(long, value_enum, default_value = "finer")]
     data: Source,
     /// Standard deviation of the cameras' points, mm.
     #[arg(long, default_value_t = 2.0, value_parser = above_zero, allow_negative_numbers = true)]

@@ -71,7 +71,7 @@ impl<'a> Bench<'a> {
     ) -> Result<Self, FitError> {
         let (fit, held_out) = problems(demos, held_out, options)?;
         Ok(Self {
-            finer: Problem::new(&fit.demos, options.finer)?.of_share(fit.frames),
+            finer: fit.on(options.finer),
             finer_grid: options.finer,
             fit,
             held_out,

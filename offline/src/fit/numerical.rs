@@ -73,7 +73,7 @@ impl Problem<'_> {
         if self.refinement.as_deref().is_some_and(same) {
             return Ok(self.clone());
         }
-        let finer = Problem::new(&self.demos, grid)?.of_share(self.frames);
+        let finer = self.on(grid);
         let ratio = finer.scenes[0].grid.spacing_m / self.scenes[0].grid.spacing_m;
         let fine = || {
             let settled = finer.settled_near(self, structure, theta)?;
@@ -91,6 +91,16 @@ impl Problem<'_> {
             refinement: Some(Arc::new(refinement)),
             ..self.clone()
         })
+    }
+
+    /// The same problem on another grid, whose predictions are its own.
+    pub fn on(&self, grid: Resolution) -> Self {
+        let mut other = self.unrefined();
+        other
+            .scenes
+            .iter_mut()
+            .for_each(|scene| scene.lay_grid(grid.cells));
+        other
     }
 
     /// The same problem, refined as one is of the same demonstrations and at least as many frames.
@@ -163,7 +173,7 @@ type Division = fn(&mut Scene);
 /// between the nodes. What each changes is one part of the simulation's own error. It is not scaled up as if it fell
 /// with a power of the spacing, because from 1.5 to 4 cells it hardly does (`offline verify`, sag of a cantilever).
 const DIVISIONS: [Division; 3] = [
-    |scene| scene.lay_grid(FINER * scene.rope.diameter_m / scene.grid.spacing_m),
+    |scene| scene.lay_grid(FINER * scene.cells_per_diameter()),
     |scene| scene.sampling.slice_cells /= 1.2,
     |scene| scene.grid.shift_cells = scene.grid.shift_cells.map(|shift| shift + 0.25),
 ];

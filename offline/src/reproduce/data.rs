@@ -27,7 +27,7 @@ pub enum Source {
     Sampled,
     /// Also the grid lies elsewhere in the rope.
     Shifted,
-    /// Also the grid is finer, by a third.
+    /// Also the grid is twice as fine.
     Finer,
 }
 
@@ -38,7 +38,7 @@ impl Source {
             Self::Same => "the simulation that is fitted",
             Self::Sampled => "other particles and half the time step",
             Self::Shifted => "other particles, half the time step and a shifted grid",
-            Self::Finer => "other particles, half the time step and a shifted grid finer by a third",
+            Self::Finer => "other particles, half the time step and a shifted grid twice as fine",
         }
     }
 
@@ -57,7 +57,7 @@ impl Source {
             made.shift_cells = [0.37, 0.21, 0.13];
         }
         if self == Self::Finer {
-            made.cells *= 4.0 / 3.0;
+            made.cells *= 2.0;
         }
         made
     }

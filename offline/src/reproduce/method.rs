@@ -3,7 +3,7 @@
 use super::adam::{Parameters, Rates};
 use super::data::{STARTS, draw};
 use super::gradient::{Descent, Steps};
-use super::ours::{Fitted, fit_clouds};
+use super::ours::{Fitted, Predicted, fit_clouds};
 use crate::demo::{Demo, Observations};
 use crate::observe::Section;
 use crate::sim::Scene;
@@ -164,8 +164,8 @@ impl Method {
                 Ok(vec![plain(&rows[0], found.last), plain(&rows[1], found.best)])
             }
             Self::Ours => {
-                let seed = effort.seed.wrapping_add(index);
-                let fit = fit_clouds(&case.demo, &case.scene, case.section, seed, effort.starts)?;
+                let starts = (effort.seed.wrapping_add(index), effort.starts);
+                let fit = fit_clouds(&case.demo, &case.scene, case.section, starts, Predicted::OwnGrid)?;
                 Ok(vec![Estimated {
                     row: rows[0].clone(),
                     parameters: fit.parameters,
