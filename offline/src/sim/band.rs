@@ -6,8 +6,8 @@
 
 use super::widest::on_widest;
 
-/// A symmetric matrix of which only entries near the diagonal are not zero. Column j holds the rows j to j + band and
-/// [`BEYOND`] zeros.
+/// A symmetric matrix of which only entries near the diagonal are not zero. Column j holds the rows j to j + band, and
+/// zeros as far as a tile may reach beyond.
 #[derive(Clone, Debug)]
 pub struct Band {
     size: usize,
