@@ -7,8 +7,8 @@ use offline::bench_diagnosis::reality::{Finer, Part, Reality};
 use offline::bench_diagnosis::truth;
 use offline::demo::{Demo, Observations, StartState};
 use offline::diagnose::{
-    KeptModel, LoopOptions, Memory, NoiseSource, Outcome, STABLE, Verdict, close_loop, problems,
-    proposed_demo, residual_force, resume_loop, separating, still_alike,
+    KeptModel, LoopOptions, Memory, Noise, Outcome, STABLE, Verdict, close_loop, problems, proposed_demo,
+    residual_force, resume_loop, separating, still_alike,
 };
 use offline::effects;
 use offline::fit::{Resolution, fit_from};
@@ -249,8 +249,7 @@ fn undecided(demo: &Demo, found: (&str, &[f64]), rival: (&str, &[f64])) -> Outco
             separating_demonstration: String::new(),
         },
         reasons: Vec::new(),
-        noise_scale: None,
-        noise_source: NoiseSource::Declared,
+        noise: Noise::DECLARED,
         invariances: Vec::new(),
         rivals: vec![KeptModel {
             effects: vec![rival.0.into()],

@@ -277,7 +277,7 @@ fn sealed_mm(
     let seed = cell.noise_seed().wrapping_add(MOTIONS.len() as u64);
     let demo = SEALED.demo(track, 1e-3 * cell.noise_mm, seed);
     let mut problem = Problem::new(&[&demo], resolution)?;
-    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    problem.noise_scale = outcome.noise.scale;
     let left = |structure: &Structure, theta: &[f64]| -> Result<ResidualSummary, FitError> {
         Ok(ResidualSummary::of(&problem.residuals(structure, theta)?))
     };

@@ -9,7 +9,7 @@ use super::{RunArguments, WrongUse};
 use anyhow::Context;
 use offline::PROGRAM;
 use offline::collect::Watch;
-use offline::diagnose::NoiseSource;
+use offline::diagnose::Noise;
 use offline::fit::{Evaluation, FitResult, LEVEL, Problem, Profile, YOUNG};
 use offline::inspect::{inspect, stale};
 use offline::model::{Estimate, Structure};
@@ -158,13 +158,13 @@ impl Job<'_> {
             );
         }
         self.warn_of_valleys(&base.fitted);
-        self.warn(&base.fitted, (base.noise_scale, base.noise_source));
+        self.warn(&base.fitted, &base.noise);
         let of = Profiled {
             structure: &Structure::default(),
             fitted: &base.fitted,
             estimates: &estimates,
             grid_shift: &base.grid_shift,
-            noise_scale: base.noise_scale,
+            noise_scale: base.noise.scale,
         };
         let profiles = self.profiles(&of, &self.run.base_profile())?;
         let summary = Summary {
@@ -223,7 +223,7 @@ impl Job<'_> {
         say_identified(&identified, reporter);
         let outcome = &identified.outcome;
         self.warn_of_valleys(&outcome.base);
-        self.warn(&outcome.fitted, (outcome.noise_scale, outcome.noise_source));
+        self.warn(&outcome.fitted, &outcome.noise);
         let mut summary = self.summary(
             &outcome.verdict.to_string(),
             (outcome.structure.ids(), outcome.estimates()),
@@ -234,7 +234,7 @@ impl Job<'_> {
             fitted: &outcome.fitted,
             estimates: &summary.parameters,
             grid_shift: &outcome.grid_shift,
-            noise_scale: outcome.noise_scale,
+            noise_scale: outcome.noise.scale,
         };
         summary.profiles = self.profiles(&of, &run.profile())?;
         let (mut dataset, mut policy) = (None, None);
@@ -311,8 +311,11 @@ impl Job<'_> {
         }
     }
 
-    fn warn(&self, fitted: &FitResult, (noise_scale, source): (Option<f64>, NoiseSource)) {
-        if let Some(doubt) = noise_scale.and_then(|scale| noise_doubt(scale, source)) {
+    fn warn(&self, fitted: &FitResult, noise: &Noise) {
+        if let Some(doubt) = noise
+            .measured_scale()
+            .and_then(|scale| noise_doubt(scale, noise.source))
+        {
             self.reporter.say(&format!("warning: {doubt}"));
         }
         let (demos, _) = self.inputs.members();
@@ -334,7 +337,7 @@ fn report(
     let mut after = Vec::new();
     for (members, judges) in [(&demos, false), (&held_out, true)] {
         let mut problem = Problem::new(members, job.settings.resolution().finer())?;
-        problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+        problem.noise_scale = outcome.noise.scale;
         before.extend(views(
             &problem,
             &Structure::default(),

@@ -40,11 +40,11 @@ pub fn problems<'a>(
 pub fn problems_at<'a>(
     (demos, held_out): (&[&'a Demo], &[&'a Demo]),
     options: &LoopOptions,
-    noise_scale: Option<f64>,
+    noise_scale: f64,
     (structure, theta): (&Structure, &[f64]),
 ) -> Result<(Problem<'a>, Problem<'a>), FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
-    bench.set_scale(noise_scale.unwrap_or(1.0));
+    bench.set_scale(noise_scale);
     let Bench { fit, held_out, .. } = bench.refined(structure, theta)?;
     Ok((fit, held_out))
 }

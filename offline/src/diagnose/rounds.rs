@@ -6,7 +6,7 @@ use super::choice::Standing;
 use super::conclude::{Facts, conclude};
 use super::leaner::{Judged, leaner};
 use super::memory::{KeptFit, KeptModel, Memory};
-use super::noise::{Noise, NoiseSource};
+use super::noise::Noise;
 use super::round::{Round, score};
 use super::score::{Invariance, ScoreTable};
 use super::verdict::{ReasonCode, Verdict};
@@ -106,10 +106,8 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// Reasons for caution.
     pub reasons: Vec<ReasonCode>,
-    /// Measured over declared noise; none where it is as declared.
-    pub noise_scale: Option<f64>,
-    /// What tells the noise.
-    pub noise_source: NoiseSource,
+    /// The noise of the offsets.
+    pub noise: Noise,
     /// Models that fit as well as the final one.
     pub rivals: Vec<KeptModel>,
     /// How the final model's effects fare in parts of what was fitted; none where the finer grid could not be simulated.
@@ -134,10 +132,8 @@ pub struct BaseFit {
     pub fitted: FitResult,
     /// What it leaves where held out.
     pub held_out: Evaluation,
-    /// Measured over declared noise; none where it is as declared.
-    pub noise_scale: Option<f64>,
-    /// What tells the noise.
-    pub noise_source: NoiseSource,
+    /// The noise of the offsets.
+    pub noise: Noise,
     /// How far the simulation's own error may have moved each entry of θ.
     pub grid_shift: Vec<f64>,
 }
@@ -167,8 +163,7 @@ pub fn fit_only(
         held_out: bench.held_out.residuals(&structure, &fitted.best.theta)?,
         // What is left may be what this model lacks.
         grid_shift: grid_shift(&bench.fit, &structure, &fitted.best, 0.0)?,
-        noise_scale: noise.measured_scale(),
-        noise_source: noise.source,
+        noise,
         fitted,
     })
 }
@@ -216,9 +211,7 @@ pub fn base_scores(
 ) -> Result<ScoreTable, FitError> {
     let mut bench = Bench::new(demos, held_out, options)?;
     let base = &outcome.base.best;
-    bench.set_scale(outcome.noise_scale.unwrap_or(1.0));
-    let noise = Noise::measured(&bench.fit, base);
-    bench.set_noise(noise, options);
+    bench.set_noise(outcome.noise, options);
     bench.settle(&base.theta)?;
     let bench = bench.refined(&Structure::default(), &base.theta)?;
     Ok(score(&bench, &Structure::default(), &base.theta, options)?.0)
@@ -296,8 +289,7 @@ pub fn resume_loop(
         rounds,
         verdict: judged.verdict,
         reasons: judged.reasons,
-        noise_scale: noise.measured_scale(),
-        noise_source: noise.source,
+        noise,
         rivals: judged.model.rivals,
         invariances: judged.invariances,
         library,

@@ -5,8 +5,8 @@ use super::model::model;
 use super::settings::{Inputs, RunSettings};
 use crate::demo::Demo;
 use crate::diagnose::{
-    Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, NoiseSource, Outcome, ReasonCode,
-    ResidualForce, Round, SwingRisks, Verdict, advise, problems_at, residual_force, resume_loop,
+    Advice, Invariance, KeptModel, LoopOptions, Memory, NextDemonstration, Noise, NoiseSource, Outcome,
+    ReasonCode, ResidualForce, Round, SwingRisks, Verdict, advise, problems_at, residual_force, resume_loop,
 };
 use crate::fit::{FitResult, fit_from};
 use crate::model::Structure;
@@ -37,9 +37,14 @@ pub(super) struct DiagnosisFile {
     verdict: Verdict,
     verdict_in_words: String,
     reasons: Vec<ReasonCode>,
+    /// Measured over declared noise; none where it is as declared.
     noise_scale: Option<f64>,
-    #[serde(default)]
     noise_source: NoiseSource,
+    /// Independent values that tell it; none where it is as declared.
+    noise_values: Option<f64>,
+    /// Correlation of an offset with that of the frame before, and with that of the neighbouring station.
+    noise_in_time: f64,
+    noise_along_rope: f64,
     /// Models that fit as well as the final one.
     rivals: Vec<KeptModel>,
     /// How the final model's effects fare in parts of what was fitted.
@@ -186,13 +191,15 @@ fn restore(
     diagnosis: DiagnosisFile,
 ) -> anyhow::Result<(Outcome, Option<ResidualForce>, Advice)> {
     let structure = Structure::of_ids(&fit.effects);
+    let noise = Noise {
+        scale: diagnosis.noise_scale.unwrap_or(1.0),
+        source: diagnosis.noise_source,
+        values: diagnosis.noise_values.unwrap_or(f64::INFINITY),
+        in_time: diagnosis.noise_in_time,
+        along_rope: diagnosis.noise_along_rope,
+    };
     let at = |structure: &Structure, theta: &[f64]| {
-        problems_at(
-            (demos, held_out),
-            options,
-            diagnosis.noise_scale,
-            (structure, theta),
-        )
+        problems_at((demos, held_out), options, noise.scale, (structure, theta))
     };
     let base_structure = Structure::default();
     let (base_here, base_there) = at(&base_structure, &fit.base_theta)?;
@@ -213,8 +220,7 @@ fn restore(
         rounds: diagnosis.rounds,
         verdict: diagnosis.verdict,
         reasons: diagnosis.reasons,
-        noise_scale: diagnosis.noise_scale,
-        noise_source: diagnosis.noise_source,
+        noise,
         rivals: diagnosis.rivals,
         invariances: diagnosis.invariances,
         grid_shift: fit.grid_shift,
@@ -240,13 +246,17 @@ fn save(
             grid_shift: &outcome.grid_shift,
         },
     );
+    let noise = outcome.noise;
     let diagnosis = DiagnosisFile {
         key,
         verdict: outcome.verdict.clone(),
         verdict_in_words: outcome.verdict.to_string(),
         reasons: outcome.reasons.clone(),
-        noise_scale: outcome.noise_scale,
-        noise_source: outcome.noise_source,
+        noise_scale: noise.measured_scale(),
+        noise_source: noise.source,
+        noise_values: noise.measured_scale().map(|_| noise.values),
+        noise_in_time: noise.in_time,
+        noise_along_rope: noise.along_rope,
         rivals: outcome.rivals.clone(),
         invariances: outcome.invariances.clone(),
         fit_before: ResidualSummary::of(&outcome.base.best),

@@ -34,7 +34,7 @@ pub struct Profiled<'a> {
     /// How far the simulation's own error may have moved each entry of θ.
     pub grid_shift: &'a [f64],
     /// Measured over declared noise.
-    pub noise_scale: Option<f64>,
+    pub noise_scale: f64,
 }
 
 /// The intervals of a fit: those that an earlier run has found, else new ones. Where they are not `asked` for, only of
@@ -135,7 +135,7 @@ mod tests {
             fitted: &FitResult::at(evaluation, &structure),
             estimates: &[],
             grid_shift: &[],
-            noise_scale: None,
+            noise_scale: 1.0,
         };
         let settings = RunSettings::of(Preset::Quick, seed);
         let wanted = ProfileFile {

@@ -133,7 +133,7 @@ pub(super) fn parameter_title(name: &str, unit: &str) -> String {
 
 /// Where the figures come from.
 pub(super) fn provenance(input: &ReportInput) -> Markup {
-    let noise = input.outcome.noise_source.with_scale(input.outcome.noise_scale);
+    let noise = input.outcome.noise.in_words();
     html! {
         h2 { "Provenance" }
         table {

@@ -6,7 +6,7 @@ use super::*;
 use crate::demo::CloudFrame;
 use crate::demo::Observations;
 use crate::diagnose::{
-    Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, NoiseSource, Question, Refit, Round, Score,
+    Allowed, DemoForce, Gate, MotionProspect, NextDemonstration, Noise, Question, Refit, Round, Score,
     ScoreTable, Subset, SwingRisk, SwingRisks, TermShare, Unseen, Verdict,
 };
 use crate::effects;
@@ -166,8 +166,7 @@ fn outcome() -> Outcome {
             hint: "<script>alert('x')</script>".to_owned(),
         },
         reasons: Vec::new(),
-        noise_scale: None,
-        noise_source: NoiseSource::Declared,
+        noise: Noise::DECLARED,
         rivals: Vec::new(),
         invariances: Vec::new(),
         grid_shift: vec![0.0; 3],

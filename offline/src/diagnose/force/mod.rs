@@ -13,7 +13,6 @@ mod words;
 use self::estimate::{Estimated, estimate};
 use self::motion::Motion;
 use self::terms::{TermShare, stable_terms};
-use super::noise::Noise;
 use super::rounds::{LoopOptions, Outcome};
 use crate::demo::Demo;
 use crate::fit::{FitError, KNOTS, Problem};
@@ -83,18 +82,16 @@ pub fn residual_force(
     if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }
-    let mut all = Problem::new(demos, options.resolution)?;
-    all.noise_scale = outcome.noise_scale.unwrap_or(1.0);
-    let noise = Noise::measured(&all, &outcome.base.best);
+    let all = Problem::new(demos, options.resolution)?;
     let theta = &outcome.fitted.best.theta;
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
-        problem.noise_scale = all.noise_scale;
+        problem.noise_scale = outcome.noise.scale;
         let problem =
             problem
                 .settled(&outcome.structure, theta)?
                 .refined(options.finer, &outcome.structure, theta)?;
-        estimate(&problem, &outcome.structure, theta, &noise)
+        estimate(&problem, &outcome.structure, theta, &outcome.noise)
     };
     let moving = demos.iter().zip(all.scenes).filter(|(demo, _)| moves(demo));
     let found: Vec<Estimated> = moving.map(one).collect::<Result<_, _>>()?;

@@ -202,12 +202,12 @@ impl<'a> Desk<'a> {
         options: &'a LoopOptions,
     ) -> Result<Self, FitError> {
         let model = (&outcome.structure, &outcome.fitted.best.theta[..]);
-        let (problem, _) = problems_at((demos, held_out), options, outcome.noise_scale, model)?;
+        let (problem, _) = problems_at((demos, held_out), options, outcome.noise.scale, model)?;
         // Poses at rest have no motion to vary.
         let moves = |demo: &&Demo| !demo.spec.is_static();
         let varied = demos.iter().position(moves).unwrap_or(0);
         Ok(Self {
-            noise: Noise::measured(&problem, &outcome.base.best),
+            noise: outcome.noise,
             varied,
             look: Look::of(demos[varied], &outcome.fitted.best.rows[varied]),
             problem,

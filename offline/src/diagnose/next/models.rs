@@ -70,7 +70,7 @@ pub fn still_alike(
     options: &LoopOptions,
 ) -> Result<Vec<Vec<String>>, FitError> {
     let mut problem = Problem::new(demos, options.resolution)?;
-    problem.noise_scale = outcome.noise_scale.unwrap_or(1.0);
+    problem.noise_scale = outcome.noise.scale;
     let models = alike(outcome);
     let refits = models.par_iter().map(|model| {
         let here = problem.refined(options.finer, &model.structure, &model.theta)?;

@@ -17,7 +17,7 @@ pub use whiten::Whitener;
 
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};
-use crate::statistics::{NORMAL_99, ratio_of_mean_squares};
+use crate::statistics::{NORMAL_99, NORMAL_975, ratio_of_mean_squares};
 use serde::{Deserialize, Serialize};
 
 /// Fewest frames at rest, or in a row that both of two recordings saw, from which noise is measured.
@@ -49,14 +49,6 @@ impl NoiseSource {
     /// Whether the noise was measured, and not only bounded.
     pub fn is_pure_error(self) -> bool {
         matches!(self, Self::Rest | Self::Repeats)
-    }
-
-    /// What tells it and how much it is over the declared, for people.
-    pub fn with_scale(self, scale: Option<f64>) -> String {
-        match scale {
-            Some(scale) => format!("{} {scale:.2} times noise_m", self.in_words()),
-            None => "as declared; neither frames at rest nor a repeated recording tell it".to_owned(),
-        }
     }
 
     /// What tells it and how, for people, before its size.
@@ -104,9 +96,25 @@ impl Noise {
             .unwrap_or(Self::DECLARED)
     }
 
-    /// Its size and what tells it, for people.
+    /// Its size, how well that is known, and what tells it, for people.
     pub fn in_words(&self) -> String {
-        self.source.with_scale(self.measured_scale())
+        let Some(scale) = self.measured_scale() else {
+            return "as declared; neither frames at rest nor a repeated recording tell it".to_owned();
+        };
+        let known = self.interval().map(|[low, high]| {
+            let values = self.values;
+            format!(" (95 % interval {low:.2} to {high:.2}, from {values:.0} independent values)")
+        });
+        let known = known.unwrap_or_default();
+        format!("{} {scale:.2} times noise_m{known}", self.source.in_words())
+    }
+
+    /// 95 % interval of its size over the declared one; none where it was not measured, or is less than can be proved.
+    fn interval(&self) -> Option<[f64; 2]> {
+        let told = self.source.is_pure_error() && self.scale > LEAST_NOISE_SCALE;
+        let [less, more] = [[self.values, f64::INFINITY], [f64::INFINITY, self.values]]
+            .map(|[above, below]| ratio_of_mean_squares(NORMAL_975, above, below).sqrt());
+        told.then_some([self.scale / less, self.scale * more])
     }
 
     /// Measured over declared standard deviation; none where it is as declared.
@@ -120,8 +128,8 @@ impl Noise {
     /// of their points).
     ///
     /// Each station's measured places are an autoregressive series about an unknown mean, so what the model predicts does
-    /// not matter. Correlation and size maximise the restricted likelihood (Patterson
-    /// and Thompson 1971), which does not take a mean from few and like frames for the truth.
+    /// not matter. Their correlation maximises the restricted likelihood (Patterson and Thompson 1971), which does not take
+    /// a mean from few and like frames for the truth; their size is what all correlations make of it.
     fn at_rest(problem: &Problem, evaluation: &Evaluation) -> Option<Self> {
         let mut series = Vec::new();
         for ((demo, scene), rows) in problem.demos.iter().zip(&problem.scenes).zip(&evaluation.rows) {
@@ -138,16 +146,12 @@ impl Noise {
         if series.is_empty() {
             return None;
         }
-        let steps = (MOST_ALIKE * 100.0) as usize;
-        let candidates = (0..=steps).map(|k| k as f64 / 100.0);
-        let (in_time, variance, _) = candidates
-            .map(|r| {
-                let (variance, likelihood) = restricted_likelihood(series, r);
-                (r, variance, likelihood)
-            })
-            .max_by(|a, b| a.2.total_cmp(&b.2))?;
+        let candidates = candidates(series);
+        let best = candidates
+            .iter()
+            .max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))?;
         let free: f64 = series.iter().map(Series::free).sum();
-        if variance.sqrt() < LEAST_NOISE_SCALE {
+        if best.variance.sqrt() < LEAST_NOISE_SCALE {
             // What is left there is rounding or creep: how it hangs together says nothing of the noise.
             return Some(Self {
                 scale: LEAST_NOISE_SCALE,
@@ -156,14 +160,15 @@ impl Noise {
                 ..Self::DECLARED
             });
         }
-        let along_rope = neighbours(series, in_time);
+        let along_rope = neighbours(series, best.in_time);
+        let alone = independent_squares(1.0, 0.0, along_rope);
+        let (ln_variance, spread) = over_correlations(&candidates, alone);
         Some(Self {
-            scale: variance.sqrt(),
-            in_time,
+            scale: (0.5 * ln_variance).exp(),
+            in_time: best.in_time,
             along_rope,
-            // The correlation in time is found from the same values, which makes the size as uncertain as if they were
-            // not told apart.
-            values: independent_squares(free, in_time, along_rope),
+            // A mean square of n independent values has 2/n for the variance of its logarithm.
+            values: 2.0 / (spread + 2.0 / (alone * free)),
             source,
         })
     }
@@ -317,8 +322,45 @@ fn innovations(series: &Series, r: f64) -> (Vec<f64>, f64) {
     (about_mean.collect(), precision)
 }
 
-/// Variance that fits best at a correlation, and the logarithm of the restricted likelihood there.
-fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
+/// A correlation in time that is tried.
+struct Candidate {
+    in_time: f64,
+    /// Variance that fits best with it.
+    variance: f64,
+    /// Logarithm of the restricted likelihood.
+    likelihood: f64,
+}
+
+fn candidates(series: &[Series]) -> Vec<Candidate> {
+    let steps = (MOST_ALIKE * 100.0) as usize;
+    let correlations = (0..=steps).map(|k| k as f64 / 100.0);
+    correlations.map(|r| restricted_likelihood(series, r)).collect()
+}
+
+/// Mean and variance of the logarithm of the noise's variance over the correlations in time, each as likely as it makes the
+/// data, of which `alone` are worth an independent one: twelve frames do not tell it well, and noise that is taken for less
+/// alike than it is looks smaller. From the likeliest correlation alone, a 95 % interval of the size held it in 89 % of sets
+/// like the benchmark's, and in 76 % from six frames; so in 97 % of either.
+fn over_correlations(candidates: &[Candidate], alone: f64) -> (f64, f64) {
+    let most = candidates
+        .iter()
+        .map(|c| c.likelihood)
+        .fold(f64::NEG_INFINITY, f64::max);
+    let weighed: Vec<(f64, f64)> = candidates
+        .iter()
+        .map(|c| {
+            let weight = (alone * (c.likelihood - most)).exp();
+            (c.variance.max(f64::MIN_POSITIVE).ln(), weight)
+        })
+        .collect();
+    let whole: f64 = weighed.iter().map(|(_, weight)| weight).sum();
+    let mean = |of: &dyn Fn(f64) -> f64| weighed.iter().map(|(ln, w)| w * of(*ln)).sum::<f64>() / whole;
+    let centre = mean(&|ln| ln);
+    (centre, mean(&|ln| (ln - centre).powi(2)))
+}
+
+/// Variance that fits best at a correlation, and the restricted likelihood there.
+fn restricted_likelihood(series: &[Series], r: f64) -> Candidate {
     let (mut square, mut free, mut determinants) = (0.0, 0.0, 0.0);
     for s in series {
         let n = s.places.len() as f64;
@@ -332,10 +374,11 @@ fn restricted_likelihood(series: &[Series], r: f64) -> (f64, f64) {
         }
     }
     let variance = square / free;
-    (
+    Candidate {
+        in_time: r,
         variance,
-        -0.5 * (free * variance.max(f64::MIN_POSITIVE).ln() + determinants),
-    )
+        likelihood: -0.5 * (free * variance.max(f64::MIN_POSITIVE).ln() + determinants),
+    }
 }
 
 /// Correlation of the innovations of neighbouring stations, compared as vectors: directions across a rope are those in
@@ -421,14 +464,10 @@ pub(super) mod tests {
             let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], seed);
             let rows = at_rest(&noise, 12);
             let series = rest_series(&rows, (12, STATIONS), 1.0);
-            let best = (0..=95)
-                .map(|k| k as f64 / 100.0)
-                .map(|r| (r, restricted_likelihood(&series, r)))
-                .max_by(|a, b| a.1.1.total_cmp(&b.1.1))
-                .unwrap();
-            times += best.0 / SETS as f64;
-            scales += best.1.0.sqrt() / SETS as f64;
-            alongs += neighbours(&series, best.0) / SETS as f64;
+            let found = Noise::of_series(&series, NoiseSource::Rest).unwrap();
+            times += found.in_time / SETS as f64;
+            scales += found.scale / SETS as f64;
+            alongs += found.along_rope / SETS as f64;
         }
         assert!((times - 0.6).abs() < 0.03, "{times}");
         assert!((scales - 2.0).abs() < 0.1, "{scales}");
@@ -550,20 +589,51 @@ pub(super) mod tests {
         assert_eq!((right, right.measured_scale()), (Noise::DECLARED, None));
     }
 
-    /// Noise alone leaves more than the floor with its doubt in one of twenty sets.
+    /// The interval of the size holds the truth as often as it says, and is said; a bound has none.
+    #[test]
+    fn how_well_the_size_is_known_is_said() {
+        const SETS: u64 = 200;
+        let found = |seed: u64| {
+            let noise = correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
+            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
+            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
+        };
+        let holds = |seed: &u64| {
+            let [low, high] = found(*seed).interval().expect("measured");
+            (low..high).contains(&1.0)
+        };
+        let count = (0..SETS).filter(holds).count();
+        println!("{count} of {SETS}");
+        assert!((182..=198).contains(&count), "{count}");
+        let words = found(0).in_words();
+        assert!(
+            words.starts_with("frames at rest scatter by") && words.contains("95 % interval"),
+            "{words}"
+        );
+        let bound = Noise {
+            source: NoiseSource::Jitter,
+            ..found(0)
+        };
+        assert!(!bound.in_words().contains("interval"), "{}", bound.in_words());
+    }
+
+    /// Noise alone leaves more than the floor with its doubt in one of a hundred sets, and with the slight one in one of six.
     #[test]
     fn noise_alone_seldom_exceeds_its_floor_beyond_doubt() {
         const SETS: u64 = 200;
-        let exceeds = |seed: &u64| {
-            let noise = correlated(FRAMES, STATIONS, 0.001, [0.6, 0.7], *seed);
+        let exceeds = |seed: u64| {
+            let noise = correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
             let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
             let found = Noise::of_series(&series, NoiseSource::Rest).unwrap();
             let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
             let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
-            square > found.scale.powi(2) * (1.0 + found.doubt(offsets.len()))
+            [Noise::doubt, Noise::slight_doubt]
+                .map(|doubt| square > found.scale.powi(2) * (1.0 + doubt(&found, offsets.len())))
         };
-        let count = (0..SETS).filter(exceeds).count();
-        println!("{count} of {SETS}");
-        assert!((1..=8).contains(&count), "{count}");
+        let sets: Vec<[bool; 2]> = (0..SETS).map(exceeds).collect();
+        let [seldom, sometimes] = [0, 1].map(|k| sets.iter().filter(|exceeds| exceeds[k]).count());
+        println!("{seldom} and {sometimes} of {SETS}");
+        assert!(seldom <= 6, "{seldom}");
+        assert!((16..=50).contains(&sometimes), "{sometimes}");
     }
 }
