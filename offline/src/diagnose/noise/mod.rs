@@ -571,14 +571,19 @@ pub(super) mod tests {
                 .unwrap();
             Noise::measured(&problem, &rope)
         };
+        let holds_two = |noise: &Noise| {
+            noise
+                .interval()
+                .is_some_and(|[low, high]| low < 2.0 && 2.0 < high)
+        };
         let [one, other] = [1, 2].map(|seed| seen(0.001, seed));
         let repeated = found(&[&one, &other]);
         assert_eq!(repeated.source, NoiseSource::Repeats);
-        assert!((repeated.scale - 2.0).abs() < 0.1, "{repeated:?}");
+        assert!(holds_two(&repeated) && repeated.values > 300.0, "{repeated:?}");
         assert!((repeated.in_time - CORRELATION[0]).abs() < 0.05, "{repeated:?}");
         let alone = found(&[&one]);
         assert_eq!(alone.source, NoiseSource::Rest);
-        assert!((alone.scale - 2.0).abs() < 0.4, "{alone:?}");
+        assert!(holds_two(&alone) && alone.values > 20.0, "{alone:?}");
         let moving = found(&[&seen_in_motion(0.0005)]);
         assert_eq!(
             (moving.source, moving.source.is_pure_error()),
@@ -634,6 +639,6 @@ pub(super) mod tests {
         let [seldom, sometimes] = [0, 1].map(|k| sets.iter().filter(|exceeds| exceeds[k]).count());
         println!("{seldom} and {sometimes} of {SETS}");
         assert!(seldom <= 6, "{seldom}");
-        assert!((16..=50).contains(&sometimes), "{sometimes}");
+        assert!((8..=50).contains(&sometimes), "{sometimes}");
     }
 }
