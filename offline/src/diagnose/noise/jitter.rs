@@ -4,7 +4,8 @@
 //! together in time loses as well, so this is a lower bound; what is left of fast motion adds, which is why the quieter
 //! quarter of the differences is asked.
 
-use super::{Noise, NoiseSource, in_frame, offset_along};
+use super::series::{in_frame, offset_along};
+use super::{Noise, NoiseSource};
 use crate::fit::{Evaluation, Problem};
 use crate::observe::Row;
 use crate::statistics::{NORMAL_99, ratio_of_mean_squares};

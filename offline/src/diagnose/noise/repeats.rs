@@ -2,7 +2,8 @@
 //!
 //! Offsets from a model are compared, each at its own time: what the model is off by is the same in both.
 
-use super::{MIN_FRAMES, Series, in_frame, offset_along};
+use super::MIN_FRAMES;
+use super::series::{Series, in_frame, offset_along};
 use crate::demo::{Demo, pose_at};
 use crate::fit::{Evaluation, Problem};
 use crate::observe::{Row, station_arcs_m};

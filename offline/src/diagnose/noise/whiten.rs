@@ -1,6 +1,7 @@
 //! Takes out of offsets and slopes what noise of earlier frames and neighbouring stations lets expect of them.
 
-use super::{MOST_ALIKE, Noise, alike};
+use super::Noise;
+use super::series::{MOST_ALIKE, alike};
 use crate::fit::Evaluation;
 use crate::observe::Row;
 use nalgebra::DMatrix;
