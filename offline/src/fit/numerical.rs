@@ -181,9 +181,9 @@ const DIVISIONS: [Division; 3] = [
 /// How far the simulation's own error may have moved each entry of θ, as one standard error: half the squares of how far
 /// each of the other divisions of the scene would move it, to first order, because what lies between two that are equally
 /// good has twice the variance of either's error, added as the independent errors that they are; and with them the mean
-/// square of what other noise in a start in motion would. The 95 % interval of E holds the truth in 198 of 200
-/// demonstrations before noisy cameras; undivided squares made it 199, and 200 of 200 on a finer grid (`offline reproduce
-/// coverage`).
+/// square of what other noise in a start in motion would. It is more than the finer grid's predictions leave: the 95 %
+/// interval of E holds the truth in 200 of 200 demonstrations before noisy cameras that a grid twice as fine made, where E is
+/// off by a third of its standard error (`offline reproduce coverage`).
 ///
 /// What a model that lacks nothing leaves beyond the noise, `excess_m` rms, shows how much of the error of the spacing a finer
 /// grid does not: the shift by that is scaled up as much as what it does not follow would have to be, at most as a method of
