@@ -185,14 +185,12 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
         }
     };
     let on = |usual: Resolution| arguments.cells.map_or(usual, |cells| Resolution { cells });
+    let swing = |shape: RopeShape, release: &[f64]| {
+        let release_m = [release[0], release[1]];
+        swing(&rope, shape, release_m, on(Resolution::COARSEST), json)
+    };
     if let (Some(release), Some(shape), None) = (&arguments.release, rope.shape, &arguments.demo) {
-        return swing(
-            &rope,
-            shape,
-            [release[0], release[1]],
-            on(Resolution::COARSEST),
-            json,
-        );
+        return swing(shape, release);
     }
     if let Some(out) = &arguments.out {
         // Before minutes of simulation, not after them.
@@ -206,13 +204,7 @@ pub fn run(arguments: &SimulateArguments, json: bool) -> anyhow::Result<()> {
         );
     }
     if let Some(release) = &arguments.release {
-        return swing(
-            &rope,
-            shape,
-            [release[0], release[1]],
-            on(Resolution::COARSEST),
-            json,
-        );
+        return swing(shape, release);
     }
     let played = play(
         &demo,

@@ -119,12 +119,12 @@ pub fn fit_clouds(
     if predicted == Predicted::FinerGrid {
         let cells = problem.scenes[0].cells_per_diameter();
         let finer = Resolution { cells }.finer();
-        let evaluations = result.evaluations;
         for _ in 0..TIMES_FOLLOWED {
             problem = problem.refined(finer, &structure, &result.best.theta)?;
+            let before = result.evaluations;
             result = fit_from(&problem, &structure, result.best.theta, MOST_EVALUATIONS)?;
+            result.evaluations += before;
         }
-        result.evaluations += evaluations;
     }
     let shift = grid_shift(&problem, &structure, &result.best, 0.0)?;
     Ok(fitted(&result, &structure, &shift, density))

@@ -138,9 +138,12 @@ fn cholesky(matrix: &[f64], added: &[f64], factor: &mut [f64], stride: usize) ->
         let columns = matrix[j * stride..].chunks_exact(stride).take(WIDE);
         columns.for_each(|column| reach.push(column));
         first = reach.first(first, j);
-        let corner_tile = tile(matrix, factor, stride, ([j, j], first));
-        let own: [f64; WIDE] = std::array::from_fn(|c| matrix[(j + c) * stride] + added[j + c]);
-        if !corner(factor, stride, j, (corner_tile, &own, &added[j..j + WIDE])) {
+        let mut upper = tile(matrix, factor, stride, ([j, j], first));
+        let own: [f64; WIDE] = std::array::from_fn(|c| {
+            upper[c][c] += added[j + c];
+            matrix[(j + c) * stride] + added[j + c]
+        });
+        if !corner(factor, stride, j, (upper, &own)) {
             return false;
         }
         let (mut i, mut first) = (j + TALL, first);
@@ -208,23 +211,24 @@ fn tile(matrix: &[f64], factor: &[f64], stride: usize, ([i, j], first): ([usize;
     tile
 }
 
-/// Factorises the tile on the diagonal from column `j` on, whose own entries there are others; returns whether it is positive
+/// Takes from a tile's column `c` what the columns before it in the tile give to it, as they are on the diagonal from column
+/// `j` of the factor on.
+#[inline(always)]
+fn take_before(tile: &mut Tile, c: usize, factor: &[f64], stride: usize, j: usize) {
+    for k in 0..c {
+        let by = factor[(j + k) * stride + c - k];
+        for r in 0..TALL {
+            tile[c][r] -= tile[k][r] * by;
+        }
+    }
+}
+
+/// Factorises the tile on the diagonal from column `j` on, where the matrix has `own`; returns whether it is positive
 /// definite.
 #[inline(always)]
-fn corner(
-    factor: &mut [f64],
-    stride: usize,
-    j: usize,
-    (mut tile, own, added): (Tile, &[f64; WIDE], &[f64]),
-) -> bool {
+fn corner(factor: &mut [f64], stride: usize, j: usize, (mut tile, own): (Tile, &[f64; WIDE])) -> bool {
     for c in 0..WIDE {
-        tile[c][c] += added[c];
-        for k in 0..c {
-            let by = tile[k][c];
-            for r in 0..TALL {
-                tile[c][r] -= tile[k][r] * by;
-            }
-        }
+        take_before(&mut tile, c, factor, stride, j);
         let pivot = tile[c][c];
         if pivot.is_nan() || pivot <= 1e-14 * own[c] {
             return false;
@@ -243,12 +247,7 @@ fn corner(
 #[inline(always)]
 fn below(factor: &mut [f64], stride: usize, [i, j]: [usize; 2], mut tile: Tile) {
     for c in 0..WIDE {
-        for k in 0..c {
-            let by = factor[(j + k) * stride + c - k];
-            for r in 0..TALL {
-                tile[c][r] -= tile[k][r] * by;
-            }
-        }
+        take_before(&mut tile, c, factor, stride, j);
         let over_root = 1.0 / factor[(j + c) * stride];
         for r in 0..TALL {
             tile[c][r] *= over_root;

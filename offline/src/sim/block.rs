@@ -15,6 +15,7 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 0], [2, 0], [2, 1]];
 
 /// Numbers by the node that is pushed and the node that moves.
 pub(super) type Rows = [PerNode; STENCIL];
+pub(super) const NOTHING: Rows = [[0.0; 32]; STENCIL];
 
 /// The stiffness of some particles, N/m.
 pub(super) struct Block {
@@ -39,13 +40,13 @@ impl Block {
     /// Nothing.
     pub(super) fn new() -> Self {
         Self {
-            rows: vec![[[0.0; 32]; STENCIL]; PAIRS.len()],
+            rows: vec![NOTHING; PAIRS.len()],
         }
     }
 
     /// Nothing again.
     pub(super) fn clear(&mut self) {
-        self.rows.fill([[0.0; 32]; STENCIL]);
+        self.rows.fill(NOTHING);
     }
 
     /// Adds the stiffness of volumes.
@@ -59,7 +60,7 @@ impl Block {
 
     /// Adds a spring along some axes at a point that is a weighted mean of the nodes.
     pub(super) fn add_spring(&mut self, axes: Range<usize>, weights: &PerNode, stiffness_n_m: f64) {
-        let mut rows = [[0.0; 32]; STENCIL];
+        let mut rows = NOTHING;
         for (row, weight) in rows.iter_mut().zip(weights) {
             *row = weights.map(|other| stiffness_n_m * weight * other);
         }

@@ -8,7 +8,7 @@
 //!   slowly that no search gets away from where it stands. Springs across the plane hold it in, and pull at nothing but what
 //!   thickens or thins.
 
-use super::block::{Block, PerNode, Rows, per_node};
+use super::block::{Block, NOTHING, PerNode, Rows, per_node};
 use super::grid::{Grid, STENCIL};
 use super::real::Real;
 use super::rope::RopeLayout;
@@ -147,7 +147,7 @@ fn add_affine(block: &mut Block, (grid, p): (&Grid<f64>, usize), weights: &PerNo
     }
     let per_m2 = 4.0 / (grid.spacing_m * grid.spacing_m);
     let offsets_m: [PerNode; 3] = [0, 1, 2].map(|k| per_node(|entry| grid.offset_m(p, entry)[k]));
-    let mut rows = [[0.0; 32]; STENCIL];
+    let mut rows = NOTHING;
     let rows_of_all = &mut rows;
     on_widest!(affine_rows(
         rows_of_all: &mut Rows,

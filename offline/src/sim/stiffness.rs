@@ -46,20 +46,22 @@ impl<T: Real> Statics<'_, T> {
         self.grid.links[p].slots.map(|slot| 3 * self.place[slot as usize])
     }
 
-    /// Derivative of a particle's elastic deformation gradient with respect to a node, 1/m. F A varies with a node as F does,
-    /// seen from the stress-free shape.
-    fn gradient(&self, p: usize, entry: usize, shape: &Mat3<f64>) -> Vec3<f64> {
+    /// Derivatives of a particle's elastic deformation gradient with respect to its nodes, 1/m. F A varies with a node as F
+    /// does, seen from the stress-free shape.
+    fn gradients(&self, p: usize, shape: &Mat3<f64>) -> [Vec3<f64>; STENCIL] {
         let scale = 4.0 / (self.grid.spacing_m * self.grid.spacing_m);
-        let d = self.grid.offset_m(p, entry);
-        let d = d.map(|d| d * scale * self.grid.links[p].weights[entry]);
-        std::array::from_fn(|b| (0..3).map(|c| d[c] * shape[c][b]).sum())
+        std::array::from_fn(|entry| {
+            let d = self.grid.offset_m(p, entry);
+            let d = d.map(|d| d * scale * self.grid.links[p].weights[entry]);
+            std::array::from_fn(|b| (0..3).map(|c| d[c] * shape[c][b]).sum())
+        })
     }
 
     /// What a particle gives to the matrix as a volume of its own.
     fn elastic(&self, p: usize, nodes_m: &[Vec3<f64>], lame: &Lame<f64>) -> Elastic {
         let (shape, bending) = self.material.shape_and_bending(p);
         let (_, f) = gather(&self.grid, nodes_m, p);
-        let gradients: [Vec3<f64>; STENCIL] = std::array::from_fn(|entry| self.gradient(p, entry, &shape));
+        let gradients = self.gradients(p, &shape);
         Elastic {
             gradients: [0, 1, 2].map(|b| per_node(|entry| gradients[entry][b])),
             slope: stress_slope(&matmul(&f, &shape), lame),
@@ -89,8 +91,7 @@ impl<T: Real> Statics<'_, T> {
                 let (shape, bending) = self.material.shape_and_bending(p);
                 if bending != 1.0 {
                     let elastic = matmul(&gather(&self.grid, nodes_m, p).1, &shape);
-                    let gradients: [Vec3<f64>; STENCIL] =
-                        std::array::from_fn(|entry| self.gradient(p, entry, &shape));
+                    let gradients = self.gradients(p, &shape);
                     common.add(&elastic, &self.rows(p), &gradients, 1.0 / members as f64);
                     common.volume_m3 += (1.0 - bending) * self.layout.particle_volume_m3(p);
                 }

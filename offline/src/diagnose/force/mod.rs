@@ -82,7 +82,7 @@ pub fn residual_force(
     if !demos.iter().any(|demo| moves(demo)) {
         return Ok(None);
     }
-    let all = Problem::new(demos, options.resolution)?;
+    let scenes = Problem::new(demos, options.resolution)?.scenes;
     let theta = &outcome.fitted.best.theta;
     let one = |(&demo, scene): (&&Demo, Scene)| {
         let mut problem = Problem::of_scenes(vec![demo], vec![scene]);
@@ -93,7 +93,7 @@ pub fn residual_force(
                 .refined(options.finer, &outcome.structure, theta)?;
         estimate(&problem, &outcome.structure, theta, &outcome.noise)
     };
-    let moving = demos.iter().zip(all.scenes).filter(|(demo, _)| moves(demo));
+    let moving = demos.iter().zip(scenes).filter(|(demo, _)| moves(demo));
     let found: Vec<Estimated> = moving.map(one).collect::<Result<_, _>>()?;
     Ok(Some(summary(&found, options.seed)))
 }

@@ -266,6 +266,12 @@ pub(super) mod tests {
         rows
     }
 
+    /// What twelve frames at rest tell.
+    fn told(rows: &[Row]) -> Noise {
+        let series = rest_series(rows, (12, STATIONS), 1.0);
+        Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
+    }
+
     /// Noise of twice the declared size with correlations 0.6 and 0.7: twelve frames at rest give them
     /// back within three of their own scatters, however large the unknown mean.
     #[test]
@@ -274,9 +280,7 @@ pub(super) mod tests {
         const SETS: u64 = 40;
         for seed in 0..SETS {
             let noise = correlated(FRAMES, STATIONS, 0.002, [0.6, 0.7], seed);
-            let rows = at_rest(&noise, 12);
-            let series = rest_series(&rows, (12, STATIONS), 1.0);
-            let found = Noise::of_series(&series, NoiseSource::Rest).unwrap();
+            let found = told(&at_rest(&noise, 12));
             times += found.in_time / SETS as f64;
             scales += found.scale / SETS as f64;
             alongs += found.along_rope / SETS as f64;
@@ -297,8 +301,7 @@ pub(super) mod tests {
                 row.sigma_m *= worse;
                 row.offset_m = row.offset_m * worse + off_m;
             }
-            let series = rest_series(&rows, (12, STATIONS), 1.0);
-            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
+            told(&rows)
         };
         let (mut scale, mut in_time) = (0.0, 0.0);
         for seed in 0..SETS {
@@ -347,8 +350,7 @@ pub(super) mod tests {
                     .iter_mut()
                     .for_each(|offset| offset[0] += drift_m * frame as f64);
             }
-            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
-            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
+            told(&at_rest(&noise, 12))
         };
         assert_eq!(found(1e-6, 0.0).scale, 0.1);
         let creep = found(0.0, 1e-9);
@@ -396,6 +398,7 @@ pub(super) mod tests {
         let alone = found(&[&one]);
         assert_eq!(alone.source, NoiseSource::Rest);
         assert!(holds_two(&alone) && alone.values > 20.0, "{alone:?}");
+        assert!((alone.scale - 2.0).abs() < 0.4, "{alone:?}");
         let moving = found(&[&seen_in_motion(0.0005)]);
         assert_eq!(
             (moving.source, moving.source.is_pure_error()),
@@ -412,8 +415,7 @@ pub(super) mod tests {
         const SETS: u64 = 200;
         let found = |seed: u64| {
             let noise = correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
-            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
-            Noise::of_series(&series, NoiseSource::Rest).expect("frames at rest")
+            told(&at_rest(&noise, 12))
         };
         let holds = |seed: &u64| {
             let [low, high] = found(*seed).interval().expect("measured");
@@ -440,8 +442,7 @@ pub(super) mod tests {
         const SETS: u64 = 200;
         let exceeds = |seed: u64| {
             let noise = correlated(FRAMES, STATIONS, 0.001, CORRELATION, seed);
-            let series = rest_series(&at_rest(&noise, 12), (12, STATIONS), 1.0);
-            let found = Noise::of_series(&series, NoiseSource::Rest).unwrap();
+            let found = told(&at_rest(&noise, 12));
             let offsets: Vec<f64> = noise.into_iter().flatten().flatten().collect();
             let square = offsets.iter().map(|x| (x / 0.001).powi(2)).sum::<f64>() / offsets.len() as f64;
             [Noise::doubt, Noise::slight_doubt]
