@@ -1,16 +1,19 @@
 //! The sim2sim table once more, with the data made by the twin rod, whose physics is another:
 //! `cargo test --release -p tests --test twin_reproduce -- --ignored --nocapture our_row`, without `our_row`
-//! with the paper's estimator, which takes hours.
+//! with the paper's estimator, which takes hours. With `intervals` how often the 95 % interval of E holds the rod's.
 
 use offline::demo::Demo;
 use offline::paper_units::{METRES_PER_UNIT, young_pa};
-use offline::reproduce::data::{STARTS, draw};
+use offline::reproduce::data::{STARTS, WHOLE_RANGE, draw};
 use offline::reproduce::gradient::Steps;
 use offline::reproduce::method::{Effort, Method, StepSizes};
+use offline::reproduce::ours::{Predicted, fit_clouds};
 use offline::reproduce::real2sim::{case_of, last_state};
 use offline::reproduce::table::{Row, Spread, Table, printed};
 use offline::reproduce::{chamfer::chamfer, ours};
 use offline::sim::scene::MIN_CELLS_PER_DIAMETER;
+use offline::statistics::{NORMAL_975, Rate};
+use tests::camera::SensorSpec;
 use tests::effects::WorldEffects;
 use tests::sample_rope::{leg, lift, material};
 use tests::world::record_demo;
@@ -29,15 +32,27 @@ const METHODS: [Method; 3] = [
     Method::Ours,
 ];
 
-/// The twin's rope with the given stiffness, lifted before two cameras that err by 0.1 mm.
-fn recording(young_paper_units: f64, index: u64) -> Demo {
+/// Cameras that err by 0.1 mm.
+const NEARLY_RIGHT: SensorSpec = SensorSpec {
+    noise_m: 1e-4,
+    quantum_m: 1e-6,
+    dropout: 0.0,
+    most_points: 1000,
+};
+/// Cameras that err by 2 mm, in steps of 1 mm, and lose one pixel in ten.
+const NOISY: SensorSpec = SensorSpec {
+    noise_m: 2e-3,
+    quantum_m: 1e-3,
+    dropout: 0.1,
+    most_points: 1000,
+};
+
+/// The twin's rope with the given stiffness, lifted before two cameras.
+fn recording(young_paper_units: f64, sensor: SensorSpec, index: u64) -> Demo {
     let mut material = material();
     material.young_pa = young_pa(young_paper_units, DENSITY_KG_M3);
     let mut spec = lift("twin", material, &[leg([0.0, 0.0, 0.225], 0.5)]);
-    spec.sensor.noise_m = 1e-4;
-    spec.sensor.quantum_m = 1e-6;
-    spec.sensor.dropout = 0.0;
-    spec.sensor.most_points = 1000;
+    spec.sensor = sensor;
     record_demo(&spec, &WorldEffects::default(), index)
 }
 
@@ -64,7 +79,7 @@ fn print_table(methods: &[Method]) {
     let mut errors: Vec<(String, [Vec<f64>; 3])> = Vec::new();
     for index in 0..5 {
         let truth = draw(STARTS, SEED ^ 0x7477, index)[0];
-        let case = case_of(&recording(truth, index), MIN_CELLS_PER_DIAMETER).unwrap();
+        let case = case_of(&recording(truth, NEARLY_RIGHT, index), MIN_CELLS_PER_DIAMETER).unwrap();
         for &method in methods {
             for found in method.estimate(&case, &effort, index).unwrap() {
                 let state_m = last_state(&case, found.parameters).unwrap();
@@ -107,4 +122,49 @@ fn print_table(methods: &[Method]) {
         ],
     };
     println!("{}", table.markdown());
+}
+
+/// Ropes whose intervals are asked.
+const ROPES: u64 = 100;
+
+/// What `offline reproduce coverage` asks of ropes that the simulator made, asked of the rod's before noisy cameras: the issue
+/// wants 90 to 98 %.
+#[test]
+#[ignore = "half an hour; prints a table"]
+fn intervals_on_the_twins_data() {
+    let fit = |index: u64| {
+        let truth = draw(WHOLE_RANGE, SEED ^ 0x696e, index)[0];
+        let case = case_of(&recording(truth, NOISY, index), MIN_CELLS_PER_DIAMETER).unwrap();
+        let fit = fit_clouds(
+            &case.demo,
+            &case.scene,
+            case.section,
+            (index, 2),
+            Predicted::FinerGrid,
+        )
+        .unwrap();
+        let (miss, error) = (fit.parameters[0] - truth, fit.standard_errors[0]);
+        println!(
+            "{index}: E {truth:.0}, off by {:+.2} %, {:+.2} standard errors; ν identified: {}",
+            100.0 * miss / truth,
+            miss / error,
+            fit.identified[1]
+        );
+        [miss / truth, miss / error]
+    };
+    let fits: Vec<[f64; 2]> = (0..ROPES).map(fit).collect();
+    let [percent, standardised] = [|f: &[f64; 2]| 100.0 * f[0], |f: &[f64; 2]| f[1]]
+        .map(|of| fits.iter().map(of).collect::<Vec<f64>>());
+    let held = Rate::of(standardised.iter().map(|z| z.abs() <= NORMAL_975));
+    let [low, high] = held.wilson().unwrap();
+    println!(
+        "95 % interval of E holds the rod's: {} of {} ({low:.2} to {high:.2})",
+        held.hits, held.of
+    );
+    println!("error of E, %: {:?}", Spread::of(&percent));
+    println!(
+        "error of E over its standard error: {:?}",
+        Spread::of(&standardised)
+    );
+    assert!(high >= 0.9, "{} of {}", held.hits, held.of);
 }

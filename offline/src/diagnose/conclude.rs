@@ -107,8 +107,9 @@ pub(super) fn conclude(facts: &Facts) -> (Verdict, Vec<ReasonCode>) {
     if let Some(against) = against {
         reasons.push(ReasonCode::ProxySuspected);
         let hint = format!(
-            "{} would explain what was fitted, but {against}: not the whole cause, or stand-ins for it",
+            "{} would explain what was fitted, but {against}: not the whole cause, or stand-ins for it{}",
             structure.ids().join(" and "),
+            to_look_at(facts),
         );
         return (Verdict::Unexplained { hint }, reasons);
     }
@@ -153,6 +154,19 @@ fn at_an_end(facts: &Facts) -> Option<String> {
             told.join(" and ")
         )
     })
+}
+
+/// What there is to look at where the last refit took an effect to an end of its range, for people.
+fn to_look_at(facts: &Facts) -> String {
+    let structure = facts.structure;
+    let ends = structure.effects_at_an_end(&facts.fitted.best.theta);
+    let at_its_end = |&effect: &usize| {
+        let entries = structure.entries(effect);
+        ends.iter().any(|end| entries.contains(end))
+    };
+    let effects = structure.effects.iter().copied().filter(at_its_end);
+    let advice = effects.filter_map(|effect| effects::ALL[effect].at_its_end);
+    advice.map(|words| format!("; {words}")).collect()
 }
 
 /// What is not the same in all parts of what was fitted, for people, by the demonstration in which it is least so.
@@ -456,6 +470,8 @@ pub(super) mod tests {
         let (at_the_end, reasons) = verdict(0.5);
         let told = "tip_mass would explain what was fitted, but the fit takes tip_mass.mass_kg = 0.500 kg to the end of";
         assert!(hint_of(&at_the_end).starts_with(told), "{at_the_end}");
+        let to_look_at = "for it; a weight whose centre hangs beyond the rope's end";
+        assert!(hint_of(&at_the_end).contains(to_look_at), "{at_the_end}");
         assert!(reasons.contains(&ReasonCode::ProxySuspected));
     }
 

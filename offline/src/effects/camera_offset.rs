@@ -17,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: true,
     only_seen: true,
     quantity: Quantity::Itself,
+    at_its_end: Some("calibrate the cameras again: so far off they are no small error"),
     parameters: &[
         shift("shift_x_m", false),
         shift("shift_y_m", true),

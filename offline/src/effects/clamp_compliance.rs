@@ -18,6 +18,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[ParameterSpec {
         name: "compliance_rad_per_n_m",
         unit: "rad/(N m)",

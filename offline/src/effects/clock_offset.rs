@@ -17,6 +17,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: true,
     quantity: Quantity::Itself,
+    at_its_end: Some(
+        "compare the clocks of gripper and cameras: so far apart they are a mistake of the recording",
+    ),
     parameters: &[ParameterSpec {
         name: "offset_s",
         unit: "s",

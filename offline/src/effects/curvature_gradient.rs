@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[
         parameter("toward_side_per_m2", true),
         parameter("toward_up_per_m2", false),

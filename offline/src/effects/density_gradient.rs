@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[ParameterSpec {
         name: "relative_slope",
         unit: "1",

@@ -21,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[angle("toward_side_rad", true), angle("toward_up_rad", false)],
 };
 

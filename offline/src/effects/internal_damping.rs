@@ -29,6 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[ParameterSpec {
         name: "retardation_time_s",
         unit: "s",

@@ -114,6 +114,8 @@ pub struct EffectSpec {
     pub only_seen: bool,
     /// What people would call its size.
     pub quantity: Quantity,
+    /// What to look at where a fit takes it to the end of its range, where that is known.
+    pub at_its_end: Option<&'static str>,
     /// Parameters.
     pub parameters: &'static [ParameterSpec],
 }

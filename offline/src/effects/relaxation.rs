@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[share("share_of_100_ms"), share("share_of_1_s")],
 };
 

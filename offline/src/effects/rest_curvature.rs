@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: None,
     parameters: &[
         ParameterSpec {
             name: "toward_side_per_m",

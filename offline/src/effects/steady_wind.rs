@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Square("a wind", "m/s"),
+    at_its_end: None,
     parameters: &[
         ParameterSpec {
             name: "toward_x_m2_s2",

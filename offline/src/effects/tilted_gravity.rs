@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: true,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: Some("check which axis points up: so far off it is declared wrongly"),
     parameters: &[
         ParameterSpec {
             name: "toward_x_rad",

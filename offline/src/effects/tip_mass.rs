@@ -17,6 +17,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Itself,
+    at_its_end: Some(
+        "a weight whose centre hangs beyond the rope's end pulls with a longer lever, for which this takes more mass: declare \
+         the rope's length up to the weight's centre",
+    ),
     parameters: &[ParameterSpec {
         name: "mass_kg",
         unit: "kg",

@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     of_the_rig: false,
     only_seen: false,
     quantity: Quantity::Inverse("a yield strain"),
+    at_its_end: None,
     parameters: &[ParameterSpec {
         name: "one_over_strain",
         unit: "1",
