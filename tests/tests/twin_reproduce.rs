@@ -125,12 +125,12 @@ fn print_table(methods: &[Method]) {
 }
 
 /// Ropes whose intervals are asked.
-const ROPES: u64 = 100;
+const ROPES: u64 = 40;
 
 /// What `offline reproduce coverage` asks of ropes that the simulator made, asked of the rod's before noisy cameras: the issue
 /// wants 90 to 98 %.
 #[test]
-#[ignore = "half an hour; prints a table"]
+#[ignore = "a quarter of an hour; prints a table"]
 fn intervals_on_the_twins_data() {
     let fit = |index: u64| {
         let truth = draw(WHOLE_RANGE, SEED ^ 0x696e, index)[0];
