@@ -5,6 +5,7 @@ pub mod bench_diagnosis;
 pub mod collect;
 pub mod countdown;
 pub mod demo;
+mod depth_cameras;
 pub mod diagnose;
 pub mod effects;
 pub mod evaluate;

@@ -18,6 +18,7 @@ fn noisy(seed: u64) -> Cell {
         seeds: 1,
         first_seed: seed,
         alone: false,
+        clouds: false,
     };
     Cell {
         noise_mm: 10.0,
@@ -39,6 +40,7 @@ fn a_whole_name_chooses_its_cell_alone_and_a_part_all_that_contain_it() {
         seeds: 1,
         first_seed: 15,
         alone: false,
+        clouds: false,
     };
     let names = |only: &str| {
         let cells = chosen(matrix(&Rod.repertoire(), &extent), &[only.to_owned()]);

@@ -315,6 +315,7 @@ fn resolved(cause: &str, rival: &str, floors: f64, seed: u64) -> Option<Option<b
         hidden: false,
         without: None,
         alone: false,
+        clouds: false,
     };
     let folder = std::env::temp_dir().join("genorm-truths");
     let truth = truth::make(&Finer, &cell.truth(), &folder).unwrap();

@@ -1,6 +1,7 @@
 //! The matrix: which causes, how strong, under how much noise, how often, and with what left out.
 
 use super::reality::Repertoire;
+use super::sight::floor_mm;
 use super::truth::TruthKey;
 use crate::diagnose::Part;
 use crate::run_files::Fnv64;
@@ -26,6 +27,9 @@ pub struct Cell {
     /// Whether no other recording judges what is fitted, but parts of the same that are not.
     #[serde(default)]
     pub alone: bool,
+    /// Whether the rope is seen as clouds of points, not as labelled ones.
+    #[serde(default)]
+    pub clouds: bool,
 }
 
 /// What kind of question a cell asks.
@@ -67,7 +71,8 @@ impl Cell {
         } else {
             format!("{}-{}f", self.causes.join("+"), self.floors)
         };
-        format!("{}-{causes}-{}mm-s{}", self.world, self.noise_mm, self.seed)
+        let seen = if self.clouds { "-clouds" } else { "" };
+        format!("{}-{causes}-{}mm-s{}{seen}", self.world, self.noise_mm, self.seed)
     }
 
     /// Seed of the noise.
@@ -80,7 +85,7 @@ impl Cell {
         TruthKey {
             world: self.world.clone(),
             causes: self.causes.clone(),
-            strength_mm: self.floors * self.noise_mm,
+            strength_mm: self.floors * floor_mm(self),
             seed: self.seed,
         }
     }
@@ -124,6 +129,8 @@ pub struct Extent {
     pub first_seed: u64,
     /// As [`Cell::alone`] has it.
     pub alone: bool,
+    /// As [`Cell::clouds`] has it.
+    pub clouds: bool,
 }
 
 /// The matrix of one reality, in an order in which every beginning of it is a fair sample: seed by seed,
@@ -146,6 +153,7 @@ pub fn matrix(plays: &Repertoire, extent: &Extent) -> Vec<Cell> {
                 hidden: false,
                 without: None,
                 alone: extent.alone,
+                clouds: extent.clouds,
             };
             cells.extend(of_seed(plays, extent, &empty));
         }
@@ -213,6 +221,7 @@ mod tests {
             seeds: 2,
             first_seed: 1,
             alone: false,
+            clouds: false,
         };
         let names = |quick: bool| -> Vec<String> {
             matrix(&Finer.repertoire(), &extent(quick))
@@ -227,7 +236,7 @@ mod tests {
 
     #[test]
     fn what_is_asked_of_the_same_data_has_the_same_noise() {
-        let asked = |alone: bool| {
+        let asked = |alone: bool, clouds: bool| {
             matrix(
                 &Finer.repertoire(),
                 &Extent {
@@ -235,10 +244,11 @@ mod tests {
                     seeds: 1,
                     first_seed: 1,
                     alone,
+                    clouds,
                 },
             )
         };
-        let cells = [asked(false), asked(true)].concat();
+        let cells = [asked(false, false), asked(true, false), asked(false, true)].concat();
         let find = |name: &str| cells.iter().find(|c| c.name() == name).unwrap().noise_seed();
         assert_eq!(find("g2-tip_mass-5f-1mm-s1"), find("g2-tip_mass-5f-1mm-s1-alone"));
         assert_eq!(
@@ -246,5 +256,9 @@ mod tests {
             find("g2-tip_mass-5f-1mm-s1-hidden")
         );
         assert_ne!(find("g2-tip_mass-5f-1mm-s1"), find("g2-tip_mass-2f-1mm-s1"));
+        assert_ne!(
+            find("g2-tip_mass-5f-1mm-s1"),
+            find("g2-tip_mass-5f-1mm-s1-clouds")
+        );
     }
 }

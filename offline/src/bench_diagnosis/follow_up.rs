@@ -5,10 +5,10 @@
 //! alike; the library is not scored again.
 
 use super::cells::Cell;
-use super::experiment::seen;
 use super::reality::{Finer, Reality};
+use super::sight::see_again;
 use super::truth::Truth;
-use crate::demo::{Demo, Observations};
+use crate::demo::Demo;
 use crate::diagnose::{LoopOptions, NextDemonstration, Outcome, proposed_demo, separating, still_alike};
 use serde::{Deserialize, Serialize};
 
@@ -82,10 +82,9 @@ fn make(
     next: &NextDemonstration,
 ) -> Option<Result<Demo, String>> {
     let mut demo = proposed_demo(fitted[0], outcome, next)?;
-    let times_s = demo.times_s();
     let seed = cell.noise_seed().wrapping_add(SEED_APART);
     Some(Finer.play(truth.young_pa, &truth.parts, &demo).map(|track| {
-        demo.observations = Observations::Markers(seen(&times_s, &track, 1e-3 * cell.noise_mm, seed));
+        see_again(cell, &mut demo, &track, seed);
         demo
     }))
 }

@@ -2,8 +2,8 @@
 //! are, and the answers are counted (`offline bench-diagnosis`).
 //!
 //! Data flows one way: [`experiment`] says what is done with the rope, a [`reality`] plays it, [`truth`]
-//! finds how large a cause must be to be seen that well and keeps what really happened, [`noise`] spoils
-//! it, [`cells`] lists what is diagnosed, [`run`] does so and keeps every answer, [`mod@follow_up`] makes the
+//! finds how large a cause must be to be seen that well and keeps what really happened, [`sight`] sees it and [`noise`]
+//! spoils what it sees, [`cells`] lists what is diagnosed, [`run`] does so and keeps every answer, [`mod@follow_up`] makes the
 //! demonstration that an answer proposes, [`mod@tally`] counts, `ablations` compares with what is said without a part of
 //! the method, and [`mod@table`] prints.
 //!
@@ -19,6 +19,7 @@ pub mod follow_up;
 pub mod noise;
 pub mod reality;
 pub mod run;
+pub mod sight;
 pub mod table;
 pub mod tally;
 pub mod truth;

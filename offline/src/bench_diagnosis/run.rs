@@ -5,6 +5,7 @@ use super::cells::Cell;
 use super::experiment::{FITTED, MOTIONS, SEALED};
 use super::follow_up::{FollowUp, follow_up};
 use super::reality::{Finer, Reality};
+use super::sight::see;
 use super::truth::{self, Truth};
 use crate::countdown::Countdown;
 use crate::demo::Demo;
@@ -227,13 +228,7 @@ pub fn ask(cell: &Cell, truth: &Truth) -> Answer {
         .iter()
         .zip(&truth.tracks)
         .enumerate()
-        .map(|(i, (motion, track))| {
-            motion.demo(
-                track,
-                1e-3 * cell.noise_mm,
-                cell.noise_seed().wrapping_add(i as u64),
-            )
-        })
+        .map(|(i, (motion, track))| see(cell, motion, track, cell.noise_seed().wrapping_add(i as u64)))
         .collect();
     let (fit, held_out) = demos.split_at(FITTED);
     let mut options = LoopOptions::new(Resolution::COARSEST, cell.noise_seed());
@@ -275,7 +270,7 @@ fn sealed_mm(
         return Ok(None);
     };
     let seed = cell.noise_seed().wrapping_add(MOTIONS.len() as u64);
-    let demo = SEALED.demo(track, 1e-3 * cell.noise_mm, seed);
+    let demo = see(cell, &SEALED, track, seed);
     let mut problem = Problem::new(&[&demo], resolution)?;
     problem.noise_scale = outcome.noise.scale;
     let left = |structure: &Structure, theta: &[f64]| -> Result<ResidualSummary, FitError> {

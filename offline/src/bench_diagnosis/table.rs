@@ -18,7 +18,11 @@ pub fn text(tallies: &[Tally]) -> String {
             true => "one recording, judged by parts of it that are not fitted",
             false => "one recording, judged by another",
         };
-        let _ = writeln!(out, "{source}; {judge}\n");
+        let seen = match tally.clouds {
+            true => "clouds of two depth cameras",
+            false => "labelled points",
+        };
+        let _ = writeln!(out, "{source}; {judge}; {seen}\n");
         lines(&mut out, &tally.lines);
         let _ = writeln!(out, "\nWith parts of the method left out:");
         lines(&mut out, &tally.ablations);

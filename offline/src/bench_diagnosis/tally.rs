@@ -49,6 +49,9 @@ pub struct Tally {
     pub world: String,
     /// As [`super::cells::Cell::alone`] has it.
     pub alone: bool,
+    /// As [`super::cells::Cell::clouds`] has it.
+    #[serde(default)]
+    pub clouds: bool,
     /// The promised lines.
     pub lines: Vec<Line>,
     /// How often which effect was named first, by true cause: columns are effects and verdicts.
@@ -208,6 +211,7 @@ pub fn tally(world: &str, all: &[Answer], left_out: &[&Missing], value_target: f
     Tally {
         world: world.into(),
         alone: mine.iter().any(|a| a.cell.alone),
+        clouds: mine.iter().any(|a| a.cell.clouds),
         lines,
         confusion: confusion(&whole),
         ablations: ablations(&mine),
@@ -407,6 +411,7 @@ pub(super) mod tests {
                 hidden: false,
                 without: None,
                 alone: false,
+                clouds: false,
             },
             said,
             words: String::new(),

@@ -19,6 +19,7 @@ pub fn run(arguments: &BenchDiagnosisArguments, json: bool) -> anyhow::Result<()
         seeds: arguments.seeds,
         first_seed: arguments.first_seed,
         alone: arguments.alone,
+        clouds: arguments.clouds,
     };
     let mut chosen = chosen(questions(&arguments.out, &extent)?, &arguments.only);
     if chosen.is_empty() {

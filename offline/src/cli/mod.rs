@@ -218,6 +218,9 @@ struct BenchDiagnosisArguments {
     /// Give every diagnosis one recording and nothing else, as by default: parts of it that are not fitted judge, not another.
     #[arg(long)]
     alone: bool,
+    /// Have the rope seen as clouds of points by two depth cameras, not as labelled points along it.
+    #[arg(long)]
+    clouds: bool,
     /// Only cells whose name contains one of these; a whole name is that cell alone.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
     only: Vec<String>,

@@ -3,11 +3,12 @@
 //! paper reports no intervals. Each finished demonstration is a file, so that a run that was stopped goes on.
 
 use super::adam::Parameters;
-use super::data::{Source, WHOLE_RANGE, cameras, draw, record, seen_by_cameras};
+use super::data::{Source, WHOLE_RANGE, draw, record, seen_by_cameras};
 use super::ours::{Fitted, Predicted, demo_of, fit_clouds};
 use super::scene::{Discretisation, demonstration};
 use super::table::Spread;
 use crate::countdown::Countdown;
+use crate::depth_cameras::cameras;
 use crate::observe::Section;
 use crate::run_files::{RunFolder, kept, made_by, write_whole};
 use crate::statistics::{NORMAL_975, Rate};

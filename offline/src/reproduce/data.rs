@@ -3,13 +3,12 @@
 
 use super::adam::Parameters;
 use super::scene::{DENSITY_KG_M3, Discretisation, FRICTION, demonstration, physics};
-use crate::collect::{standard_normal, stream};
-use crate::demo::CameraSpec;
+use crate::collect::stream;
+use crate::depth_cameras::DepthSensor;
 use crate::sim::rope::Sampling;
 use crate::sim::tensor::value3;
 use crate::sim::{Laned, Scene, SimError, simulate};
 use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 /// Where the paper's estimator starts, and where its sim2sim truths lie: E in paper units and ν.
@@ -114,62 +113,15 @@ pub fn last_state(parameters: Parameters, fitter: &Discretisation) -> Result<Vec
     Ok(recorded::<f32>(&scene, parameters)?.particles_m.swap_remove(0))
 }
 
-/// Where the two cameras stand: in front to the left and to the right, looking down at the lift.
-const CAMERAS_M: [[f64; 3]; 2] = [[0.57, 0.42, 0.48], [0.57, -0.42, 0.48]];
-/// What both look at, m.
-const LOOKED_AT_M: [f64; 3] = [0.12, 0.0, 0.08];
 /// Points that both cameras together keep of a frame.
 const CAMERA_POINTS: usize = 1000;
 
-/// The two cameras as a demonstration declares them.
-pub fn cameras() -> Vec<CameraSpec> {
-    let camera = |position_m: [f64; 3]| CameraSpec::looking_at("front", position_m, LOOKED_AT_M);
-    CAMERAS_M.map(camera).into()
-}
-
-/// What two depth cameras see of the rope: points of the rope's side that face a camera, each off by
-/// normal noise of `noise_m` along its ray. The rope is round, one slice's frame is that of its chord;
-/// one part of the rope hiding another is not modelled, and does not happen in a lift.
+/// What two depth cameras see of the rope, each point off by normal noise of `noise_m` along its ray.
 pub fn seen_by_cameras(rope: &Recorded, noise_m: f64, seed: u64) -> Vec<Vec<[f64; 3]>> {
-    let radius_m = 0.5 * rope.diameter_m;
-    let mut rng = stream(seed, 0);
-    rope.lines_m
-        .iter()
-        .map(|line| {
-            let mut points = Vec::with_capacity(CAMERA_POINTS);
-            while points.len() < CAMERA_POINTS {
-                let camera = CAMERAS_M[points.len() % 2];
-                let (point, normal) = surface_point(line, radius_m, &mut rng);
-                let ray: [f64; 3] = std::array::from_fn(|k| point[k] - camera[k]);
-                let range = dot(ray, ray).sqrt();
-                // Visible area shrinks with the angle between ray and normal; so do pixels.
-                if rng.random::<f64>() < -dot(ray, normal) / range {
-                    let error = noise_m * standard_normal(&mut rng) / range;
-                    points.push(std::array::from_fn(|k| point[k] + error * ray[k]));
-                }
-            }
-            points
-        })
-        .collect()
-}
-
-/// A random point of the side of a tube around `line`, and its outward normal.
-fn surface_point(line: &[[f64; 3]], radius_m: f64, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64; 3]) {
-    let along = rng.random::<f64>() * (line.len() - 1) as f64;
-    let low = (along as usize).min(line.len() - 2);
-    let share = along - low as f64;
-    let (a, b) = (line[low], line[low + 1]);
-    let chord: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
-    let length = dot(chord, chord).sqrt();
-    let tangent = chord.map(|c| c / length);
-    // The lift stays in the plane of x and z, so y is always across.
-    let up = [-tangent[2], 0.0, tangent[0]];
-    let (sin, cos) = libm::sincos(std::f64::consts::TAU * rng.random::<f64>());
-    let normal = [cos * up[0], sin, cos * up[2]];
-    let point = std::array::from_fn(|k| a[k] + share * chord[k] + radius_m * normal[k]);
-    (point, normal)
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    let sensor = DepthSensor {
+        noise_m,
+        quantum_m: 0.0,
+        points: CAMERA_POINTS,
+    };
+    sensor.clouds(&rope.lines_m, 0.5 * rope.diameter_m, seed)
 }

@@ -152,9 +152,10 @@ fn fitted(result: &FitResult, structure: &Structure, shift: &[f64], density: f64
 
 #[cfg(test)]
 mod tests {
-    use super::super::data::{STARTS, Source, cameras, record, seen_by_cameras};
+    use super::super::data::{STARTS, Source, record, seen_by_cameras};
     use super::super::scene::{Discretisation, demonstration};
     use super::*;
+    use crate::depth_cameras::cameras;
 
     /// A rope of the table before two cameras of 2 mm noise, its data made on a grid twice as fine with other particles and
     /// half the time step: E within the 2 % that the issue asks for and within two standard errors, and Poisson's ratio not called

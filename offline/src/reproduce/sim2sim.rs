@@ -3,12 +3,13 @@
 
 use super::adam::Parameters;
 use super::chamfer::chamfer;
-use super::data::{STARTS, Source, cameras, draw, last_state, record, seen_by_cameras};
+use super::data::{STARTS, Source, draw, last_state, record, seen_by_cameras};
 use super::method::{Case, Effort, Estimated, Method};
 use super::ours::demo_of;
 use super::scene::{DENSITY_KG_M3, Discretisation, STEPS, demonstration};
 use super::table::{Row, Spread, Table, printed};
 use crate::countdown::Countdown;
+use crate::depth_cameras::cameras;
 use crate::observe::Section;
 use crate::paper_units::METRES_PER_UNIT;
 use crate::pipeline::Preset;

@@ -20,6 +20,9 @@ struct Arguments {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     first_seed: u64,
+    /// Play what is asked where the rope is seen as clouds of points.
+    #[arg(long)]
+    clouds: bool,
     /// Only what cells need whose name contains one of these; a whole name is that cell alone.
     #[arg(long, num_args = 1.., value_name = "TEXT")]
     only: Vec<String>,
@@ -36,6 +39,7 @@ fn main() -> anyhow::Result<()> {
         first_seed: arguments.first_seed,
         // The truth is the same.
         alone: false,
+        clouds: arguments.clouds,
     };
     play(&Rod, &extent, &arguments.only, &arguments.out, &|line| {
         println!("{line}")
