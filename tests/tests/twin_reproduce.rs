@@ -4,15 +4,15 @@
 
 use offline::demo::Demo;
 use offline::paper_units::{METRES_PER_UNIT, young_pa};
+use offline::reproduce::coverage::Intervals;
 use offline::reproduce::data::{STARTS, WHOLE_RANGE, draw};
 use offline::reproduce::gradient::Steps;
 use offline::reproduce::method::{Effort, Method, StepSizes};
-use offline::reproduce::ours::{Predicted, fit_clouds};
+use offline::reproduce::ours::{Fitted, Predicted, fit_clouds};
 use offline::reproduce::real2sim::{case_of, last_state};
 use offline::reproduce::table::{Row, Spread, Table, printed};
 use offline::reproduce::{chamfer::chamfer, ours};
 use offline::sim::scene::MIN_CELLS_PER_DIAMETER;
-use offline::statistics::{NORMAL_975, Rate};
 use tests::camera::SensorSpec;
 use tests::effects::WorldEffects;
 use tests::sample_rope::{leg, lift, material};
@@ -126,9 +126,11 @@ fn print_table(methods: &[Method]) {
 
 /// Ropes whose intervals are asked.
 const ROPES: u64 = 40;
+/// Poisson's ratio of the rod, which has it in its shear alone.
+const POISSON: f64 = 0.3;
 
 /// What `offline reproduce coverage` asks of ropes that the simulator made, asked of the rod's before noisy cameras: the issue
-/// wants 90 to 98 %.
+/// wants 90 to 98 %. It fails where they hold too rarely; that they are too wide the README says.
 #[test]
 #[ignore = "a quarter of an hour; prints a table"]
 fn intervals_on_the_twins_data() {
@@ -143,28 +145,13 @@ fn intervals_on_the_twins_data() {
             Predicted::FinerGrid,
         )
         .unwrap();
-        let (miss, error) = (fit.parameters[0] - truth, fit.standard_errors[0]);
-        println!(
-            "{index}: E {truth:.0}, off by {:+.2} %, {:+.2} standard errors; ν identified: {}",
-            100.0 * miss / truth,
-            miss / error,
-            fit.identified[1]
-        );
-        [miss / truth, miss / error]
+        println!("{index}: E {truth:.0}: {fit:?}");
+        ([truth, POISSON], fit)
     };
-    let fits: Vec<[f64; 2]> = (0..ROPES).map(fit).collect();
-    let [percent, standardised] = [|f: &[f64; 2]| 100.0 * f[0], |f: &[f64; 2]| f[1]]
-        .map(|of| fits.iter().map(of).collect::<Vec<f64>>());
-    let held = Rate::of(standardised.iter().map(|z| z.abs() <= NORMAL_975));
-    let [low, high] = held.wilson().unwrap();
-    println!(
-        "95 % interval of E holds the rod's: {} of {} ({low:.2} to {high:.2})",
-        held.hits, held.of
-    );
-    println!("error of E, %: {:?}", Spread::of(&percent));
-    println!(
-        "error of E over its standard error: {:?}",
-        Spread::of(&standardised)
-    );
+    let fits: Vec<([f64; 2], Fitted)> = (0..ROPES).map(fit).collect();
+    let found = Intervals::of(&fits);
+    println!("{}", found.markdown());
+    let held = found.covered[0];
+    let [_, high] = held.wilson().unwrap();
     assert!(high >= 0.9, "{} of {}", held.hits, held.of);
 }

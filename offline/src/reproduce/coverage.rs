@@ -49,6 +49,14 @@ struct Judged {
 pub struct Coverage {
     /// Settings.
     pub settings: Settings,
+    /// How the estimates fare against the truths.
+    #[serde(flatten)]
+    pub intervals: Intervals,
+}
+
+/// How estimates with their intervals fare against the truths.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Intervals {
     /// Relative error of E, %.
     pub young_percent: Spread,
     /// Size of that error, %.
@@ -78,7 +86,7 @@ const CAMERA_SEED: u64 = 0x636f_7665;
 pub fn run(settings: &Settings, out: &Path, say: &(dyn Fn(&str) + Sync)) -> anyhow::Result<Coverage> {
     let folder = RunFolder::open(out)?;
     let countdown = Countdown::of(settings.demonstrations as usize);
-    let judged: Vec<Judged> = (0..settings.demonstrations)
+    let found: Vec<(Parameters, Fitted)> = (0..settings.demonstrations)
         .into_par_iter()
         .map(|index| {
             let path = folder
@@ -87,15 +95,19 @@ pub fn run(settings: &Settings, out: &Path, say: &(dyn Fn(&str) + Sync)) -> anyh
                 .join(format!("coverage-{index}.json"));
             let fresh = !path.exists();
             let judged = finish(settings, &path, index)?;
-            let [e, nu] = standardised(&judged);
+            let found = (judged.truth, judged.fit);
+            let [e, nu] = standardised(&found);
             say(&format!(
                 "{}: demonstration {index}: E off by {e:+.2}, ν by {nu:+.2} standard errors",
                 countdown.ended(fresh)
             ));
-            Ok(judged)
+            Ok(found)
         })
         .collect::<anyhow::Result<_>>()?;
-    Ok(summary(settings, &judged))
+    Ok(Coverage {
+        settings: *settings,
+        intervals: Intervals::of(&found),
+    })
 }
 
 fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged> {
@@ -128,40 +140,33 @@ fn finish(settings: &Settings, path: &Path, index: u64) -> anyhow::Result<Judged
     Ok(judged)
 }
 
-fn error(judged: &Judged, k: usize) -> f64 {
-    judged.fit.parameters[k] - judged.truth[k]
+/// Error of an estimate over its standard error, of E and ν.
+fn standardised((truth, fit): &(Parameters, Fitted)) -> [f64; 2] {
+    [0, 1].map(|k| (fit.parameters[k] - truth[k]) / fit.standard_errors[k])
 }
 
-fn standardised(judged: &Judged) -> [f64; 2] {
-    [0, 1].map(|k| error(judged, k) / judged.fit.standard_errors[k])
-}
-
-fn summary(settings: &Settings, judged: &[Judged]) -> Coverage {
-    let spread = |value: &dyn Fn(&Judged) -> f64| Spread::of(&judged.iter().map(value).collect::<Vec<f64>>());
-    let percent = |j: &Judged| 100.0 * error(j, 0) / j.truth[0];
-    let wrong = |j: &Judged| j.fit.identified[1] && standardised(j)[1].abs() > WRONG;
-    Coverage {
-        settings: *settings,
-        young_percent: spread(&percent),
-        young_size_percent: spread(&|j| percent(j).abs()),
-        poisson: spread(&|j| error(j, 1)),
-        standardised: [0, 1].map(|k| spread(&|j: &Judged| standardised(j)[k])),
-        covered: [0, 1].map(|k| Rate::of(judged.iter().map(|j| standardised(j)[k].abs() <= NORMAL_975))),
-        poisson_identified: Rate::of(judged.iter().map(|j| j.fit.identified[1])),
-        poisson_confidently_wrong: Rate::of(judged.iter().map(wrong)),
+impl Intervals {
+    /// Of truths with what was found of them.
+    pub fn of(found: &[(Parameters, Fitted)]) -> Self {
+        type Found = (Parameters, Fitted);
+        let spread =
+            |value: &dyn Fn(&Found) -> f64| Spread::of(&found.iter().map(value).collect::<Vec<f64>>());
+        let percent = |(truth, fit): &Found| 100.0 * (fit.parameters[0] / truth[0] - 1.0);
+        let wrong = |one: &Found| one.1.identified[1] && standardised(one)[1].abs() > WRONG;
+        Self {
+            young_percent: spread(&percent),
+            young_size_percent: spread(&|one| percent(one).abs()),
+            poisson: spread(&|(truth, fit)| fit.parameters[1] - truth[1]),
+            standardised: [0, 1].map(|k| spread(&|one| standardised(one)[k])),
+            covered: [0, 1]
+                .map(|k| Rate::of(found.iter().map(|one| standardised(one)[k].abs() <= NORMAL_975))),
+            poisson_identified: Rate::of(found.iter().map(|(_, fit)| fit.identified[1])),
+            poisson_confidently_wrong: Rate::of(found.iter().map(wrong)),
+        }
     }
-}
 
-impl Coverage {
-    /// As Markdown.
+    /// As a Markdown table.
     pub fn markdown(&self) -> String {
-        let mut text = format!(
-            "Intervals of {} fits of simulated demonstrations, two cameras with {:.1} mm noise, seed {}; data made by: {}\n\n",
-            self.covered[0].of,
-            1e3 * self.settings.camera_noise_m,
-            self.settings.seed,
-            self.settings.source.words()
-        );
         let rate = |rate: &Rate| {
             let [low, high] = rate.wilson().unwrap_or([0.0, 1.0]).map(|end| 100.0 * end);
             format!("{} of {} ({low:.0} to {high:.0} %)", rate.hits, rate.of)
@@ -193,11 +198,25 @@ impl Coverage {
                 rate(&self.poisson_confidently_wrong),
             ),
         ];
-        let _ = writeln!(text, "| | |\n|---|---|");
+        let mut text = String::from("| | |\n|---|---|\n");
         for (name, value) in lines {
             let _ = writeln!(text, "| {name} | {value} |");
         }
         text
+    }
+}
+
+impl Coverage {
+    /// As Markdown.
+    pub fn markdown(&self) -> String {
+        format!(
+            "Intervals of {} fits of simulated demonstrations, two cameras with {:.1} mm noise, seed {}; data made by: {}\n\n{}",
+            self.intervals.covered[0].of,
+            1e3 * self.settings.camera_noise_m,
+            self.settings.seed,
+            self.settings.source.words(),
+            self.intervals.markdown()
+        )
     }
 }
 
@@ -208,30 +227,17 @@ mod tests {
 
     #[test]
     fn an_identified_ratio_that_is_wrong_is_counted_and_one_that_is_not_identified_is_not() {
-        let settings = Settings {
-            demonstrations: 2,
-            source: Source::Sampled,
-            fitter: Discretisation::default(),
-            camera_noise_m: 0.002,
-            starts: 1,
-            seed: 1,
-        };
-        let judged = |poisson: f64, identified: bool| Judged {
-            made_by: made_by(),
-            settings,
-            truth: [1000.0, 0.222],
-            fit: Fitted {
+        let found = |poisson: f64, identified: bool| {
+            let fit = Fitted {
                 parameters: [1010.0, poisson],
                 standard_errors: [10.0, 0.006],
                 identified: [true, identified],
                 evaluations: 5,
                 stop: StopReason::Converged,
-            },
+            };
+            ([1000.0, 0.222], fit)
         };
-        let found = summary(
-            &settings,
-            &[judged(0.443, true), judged(0.443, false), judged(0.222, true)],
-        );
+        let found = Intervals::of(&[found(0.443, true), found(0.443, false), found(0.222, true)]);
         assert_eq!(found.poisson_confidently_wrong, Rate { hits: 1, of: 3 });
         assert_eq!(found.poisson_identified, Rate { hits: 2, of: 3 });
         assert_eq!(found.covered, [Rate { hits: 3, of: 3 }, Rate { hits: 1, of: 3 }]);
