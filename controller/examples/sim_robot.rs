@@ -60,6 +60,7 @@ struct Arm {
     /// Where the arm was sent last: it goes there even when nothing else is sent.
     sent_rad: Joints,
     sent_seq: u64,
+    sent_stream: u32,
     /// Whether something was sent since the arm last stood free of a stream.
     in_stream: bool,
     gripper: u32,
@@ -98,6 +99,10 @@ impl Arm {
     }
 
     fn send(&mut self, target: &JointTarget) {
+        if target.stream != self.sent_stream {
+            // A new stream begins where the arm was measured, to where a person may have guided it.
+            (self.sent_stream, self.in_stream) = (target.stream, false);
+        }
         let from_rad = if self.in_stream { self.sent_rad } else { self.q_rad };
         let steps_rad = (0..JOINTS).map(|i| (target.q_rad[i] - from_rad[i]).abs());
         if steps_rad.fold(0.0, f64::max) > self.step_max_rad {
@@ -146,6 +151,7 @@ fn run(args: &Args) -> Result<()> {
         dq_rad_s: [0.0; JOINTS],
         sent_rad: LEVEL_POSTURE_RAD,
         sent_seq: 0,
+        sent_stream: 0,
         in_stream: false,
         gripper: 0,
         error_code: 0,

@@ -6,7 +6,8 @@ An arm is an object with these methods; `xarm_bridge.py` and `mujoco_bridge.py` 
                         code where the arm may be well and only could not be asked
     command(q_rad)      sends joints to the arm; may raise ArmError
     grip(closed)        tells the gripper; must not wait for it
-    gripped()           -> whether the gripper is closed on something now; asked once, at the start
+    gripped()           -> whether the gripper is closed on something now; asked at the start and after an error,
+                        which may be that of a gripper that did not do what it was told
     recover()           clears an error so that the arm can stream again; raises ArmError when it cannot
     close()             leaves the arm at rest
 """
@@ -67,6 +68,7 @@ class Bridge:
         self.last_recovery_s = float("-inf")
         self.sent_seq = 0
         self.sent_q_rad = None
+        self.sent_stream = None
         self._skip_newest()
 
     def turn(self, state):
@@ -97,6 +99,9 @@ class Bridge:
 
     def _follow(self, target, q_rad):
         self.sent_seq = target.seq
+        if target.stream != self.sent_stream:
+            # A new stream begins where the arm was measured, to where a person may have guided it.
+            self.sent_stream, self.sent_q_rad = target.stream, None
         if farthest(target.q_rad, q_rad) > JUMP_MAX_RAD:
             # The arm is not where the stream has it, which the controller latches.
             return
@@ -128,6 +133,7 @@ class Bridge:
             print(f"bridge: {error}")
             return
         self.error = 0
+        self.closed = self.arm.gripped()
         self._skip_newest()
         print("bridge: the arm is clear again; reset the controller to go on")
 

@@ -85,9 +85,10 @@ class FakePort:
         self.states.append((list(q_rad), error_code, gripper))
         self.stamps_ns.append(stamp_ns)
 
-    def next(self, q_rad, gripper=Gripper.OPEN):
+    def next(self, q_rad, gripper=Gripper.OPEN, stream=1):
         self.seq += 1
-        self.target = JointTarget(seq=self.seq, stamp_ns=round(self.now_s * 1e9), gripper=gripper)
+        stamp_ns = round(self.now_s * 1e9)
+        self.target = JointTarget(seq=self.seq, stamp_ns=stamp_ns, gripper=gripper, stream=stream)
         self.target.q_rad[:] = q_rad
 
     def clear(self):
@@ -149,6 +150,16 @@ class Streaming(WithFakes):
         self.port.next(self.near(0.0))
         self.bridge.turn(Phase.IDLE)
         self.assertEqual(len(self.api.asked("set_servo_angle_j")), 2)
+
+    def test_a_new_stream_begins_where_a_person_has_guided_the_arm(self):
+        self.port.next(self.near(0.0))
+        self.bridge.turn(Phase.IDLE)
+        self.api.q_rad = self.near(2 * STEP_MAX_RAD)
+        self.port.next(self.near(0.0), stream=2)
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(len(self.api.asked("set_servo_angle_j")), 2)
+        self.bridge.turn(Phase.IDLE)
+        self.assertEqual(self.port.states[-1][1], 0)
 
     def test_the_gripper_is_told_once_per_change_without_waiting(self):
         for gripper in (Gripper.CLOSED, Gripper.CLOSED, Gripper.OPEN, Gripper.CLOSED):
@@ -363,6 +374,21 @@ class Errors(WithFakes):
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(self.port.states[-1][1], 0)
+
+    def test_a_gripper_that_did_not_open_is_not_reported_open_once_the_arm_is_clear(self):
+        self.api.gripper_answer = (0, GRIPPER_CLOSED)
+        self.bridge = self.start()
+        self.api.gripper_obeys = False
+        self.port.next(self.near(0.0), Gripper.OPEN)
+        self.bridge.turn(Phase.RELEASE)
+        deadline = time.monotonic() + 5
+        while self.arm.gripper_error == 0 and time.monotonic() < deadline:
+            time.sleep(0.001)
+        self.bridge.turn(Phase.RELEASE)
+        self.assertEqual(self.port.states[-1][1], GRIPPER_FAILED + 19)
+        self.bridge.turn(Phase.FAULT)
+        self.bridge.turn(Phase.FAULT)
+        self.assertEqual(self.port.states[-1][1:], (0, Gripper.CLOSED))
 
     def test_no_pose_is_made_up_when_the_arm_does_not_answer(self):
         self.api.answers = False
