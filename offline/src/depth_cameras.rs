@@ -2,18 +2,20 @@
 
 use crate::collect::{standard_normal, stream};
 use crate::demo::CameraSpec;
+use crate::observe::{dot, normals};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// Where the two cameras stand: in front to the left and to the right, looking down at the lift.
 const CAMERAS_M: [[f64; 3]; 2] = [[0.57, 0.42, 0.48], [0.57, -0.42, 0.48]];
+const NAMES: [&str; 2] = ["front-left", "front-right"];
 /// What both look at, m.
 const LOOKED_AT_M: [f64; 3] = [0.12, 0.0, 0.08];
 
 /// The two cameras as a demonstration declares them.
 pub fn cameras() -> Vec<CameraSpec> {
-    let camera = |position_m: [f64; 3]| CameraSpec::looking_at("front", position_m, LOOKED_AT_M);
-    CAMERAS_M.map(camera).into()
+    let camera = |k: usize| CameraSpec::looking_at(NAMES[k], CAMERAS_M[k], LOOKED_AT_M);
+    [0, 1].map(camera).into()
 }
 
 /// What the two do to distances, and how much of their images is kept.
@@ -73,30 +75,11 @@ fn surface_point(line: &[[f64; 3]], radius_m: f64, rng: &mut ChaCha8Rng) -> ([f6
     let (a, b) = (line[low], line[low + 1]);
     let chord: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
     let length = dot(chord, chord).sqrt();
-    let [across, up] = normals(chord.map(|c| c / length));
+    let [up, across] = normals(chord.map(|c| c / length));
     let (sin, cos) = libm::sincos(std::f64::consts::TAU * rng.random::<f64>());
     let normal = std::array::from_fn(|k| cos * up[k] + sin * across[k]);
     let point = std::array::from_fn(|k| a[k] + share * chord[k] + radius_m * normal[k]);
     (point, normal)
-}
-
-/// Two unit vectors across a unit tangent and each other; the first is y's part across it, for a rope that runs along y x's.
-fn normals(tangent: [f64; 3]) -> [[f64; 3]; 2] {
-    const ALONG: f64 = 0.9;
-    let axis = if tangent[1].abs() < ALONG { 1 } else { 0 };
-    let mut across = tangent.map(|t| -tangent[axis] * t);
-    across[axis] += 1.0;
-    let length = dot(across, across).sqrt();
-    let across = across.map(|c| c / length);
-    let up = std::array::from_fn(|k| {
-        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        tangent[i] * across[j] - tangent[j] * across[i]
-    });
-    [across, up]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
@@ -120,7 +103,7 @@ mod tests {
                 };
                 sensor.clouds(&lines, RADIUS_M, 3).remove(0)
             };
-            let [across, up] = normals({
+            let [up, across] = normals({
                 let chord: [f64; 3] = std::array::from_fn(|k| ends[1][k] - ends[0][k]);
                 chord.map(|c| c / dot(chord, chord).sqrt())
             });

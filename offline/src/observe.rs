@@ -371,7 +371,8 @@ fn segments(line: &Centreline) -> Vec<Segment> {
         .collect()
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+/// Scalar product.
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

@@ -82,7 +82,7 @@ pub fn file(folder: &Path, key: &TruthKey) -> PathBuf {
     folder.join(format!("{}.json", key.name()))
 }
 
-/// Reads a truth; none where it was not made, or with another revision of the simulator.
+/// Reads a truth; none where it was not made, or with another strength or revision of the simulator.
 ///
 /// # Errors
 /// The file is not a truth.
@@ -97,7 +97,8 @@ pub fn read(folder: &Path, key: &TruthKey) -> anyhow::Result<Option<Truth>> {
             path.display()
         )
     })?;
-    Ok((truth.revision == REVISION).then_some(truth))
+    // Names say strengths to a tenth of a millimetre.
+    Ok((truth.revision == REVISION && truth.key == *key).then_some(truth))
 }
 
 /// Makes a truth and writes it, unless it is there as this reality plays it.
@@ -264,6 +265,35 @@ mod tests {
             let got: Result<f64, String> = left(size);
             assert!((got.unwrap() / target - 1.0).abs() <= STRENGTH_TOLERANCE);
         }
+    }
+
+    /// A cause of 0.25 mm passed for one of 0.175 mm, whose file has the same name.
+    #[test]
+    fn a_truth_of_another_strength_is_not_the_one_that_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let key = |strength_mm: f64| TruthKey {
+            world: "g2".into(),
+            causes: vec!["tip_mass".into()],
+            strength_mm,
+            seed: 1,
+        };
+        let truth = Truth {
+            revision: REVISION,
+            reality_revision: 1,
+            key: key(0.25),
+            young_pa: 1e6,
+            parts: Vec::new(),
+            missing: None,
+            tracks: Vec::new(),
+        };
+        write_whole(
+            &file(folder.path(), &truth.key),
+            &serde_json::to_vec(&truth).unwrap(),
+        )
+        .unwrap();
+        assert_eq!(file(folder.path(), &key(0.175)), file(folder.path(), &truth.key));
+        assert_eq!(read(folder.path(), &key(0.175)).unwrap(), None);
+        assert_eq!(read(folder.path(), &truth.key).unwrap(), Some(truth));
     }
 
     #[test]

@@ -383,20 +383,10 @@ impl Recording<'_> {
         })
     }
 
-    /// Joint angles in the arm's order: by the driver's names joint1 to joint7, else as they stand.
+    /// Joint angles in the arm's order.
     fn joints(&self, state: &JointState) -> Result<[f64; JOINTS], DemoError> {
-        let mut q = [0.0; JOINTS];
-        for (k, angle) in q.iter_mut().enumerate() {
-            let wanted = format!("joint{}", k + 1);
-            let at = state.name.iter().position(|name| *name == wanted).unwrap_or(k);
-            *angle = *state.position.get(at).ok_or_else(|| {
-                self.error(
-                    format!("a JointState has {} positions", state.position.len()),
-                    "record all seven joints of the xArm7",
-                )
-            })?;
-        }
-        Ok(q)
+        in_order(&state.name, &state.position)
+            .map_err(|problem| self.error(problem, "record the seven joints of one xArm7, joint1 to joint7"))
     }
 
     /// The flange for some joints, in the task's frame.
@@ -430,5 +420,67 @@ fn of_pose(stamped: &Stamped<PoseStamped>, clock: &Clock) -> ClampSample {
         position_m: stamped.message.position_m,
         quaternion_xyzw: stamped.message.quaternion_xyzw,
         closed: true,
+    }
+}
+/// Joint angles in the arm's order: by names that end in joint1 to joint7, as the driver gives them with or without an arm's
+/// prefix; as they stand where they have no names.
+fn in_order(names: &[String], positions: &[f64]) -> Result<[f64; JOINTS], String> {
+    let mut q_rad = [0.0; JOINTS];
+    for (k, angle) in q_rad.iter_mut().enumerate() {
+        let wanted = format!("joint{}", k + 1);
+        let mut named = (0..names.len()).filter(|&at| names[at].ends_with(&wanted));
+        let at = match (named.next(), named.next()) {
+            _ if names.is_empty() => k,
+            (Some(at), None) => at,
+            (None, _) => {
+                return Err(format!(
+                    "a JointState names no {wanted}, only {}",
+                    names.join(", ")
+                ));
+            }
+            (Some(_), Some(_)) => {
+                return Err(format!("a JointState names {wanted} twice: {}", names.join(", ")));
+            }
+        };
+        *angle = *positions
+            .get(at)
+            .ok_or_else(|| format!("a JointState has {} positions", positions.len()))?;
+    }
+    Ok(q_rad)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An angle that is taken for another joint's puts the clamp elsewhere, and nothing tells.
+    #[test]
+    fn joints_are_taken_by_their_names_and_never_by_their_place_among_others() {
+        let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let numbers: Vec<f64> = (0..8).map(f64::from).collect();
+        let seven: Vec<String> = (1..=7).map(|k| format!("joint{k}")).collect();
+        let first = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        assert_eq!(in_order(&[], &numbers), Ok(first));
+        assert_eq!(in_order(&seven, &numbers), Ok(first));
+        let mut with_gripper = names(&["drive_joint"]);
+        with_gripper.extend(seven.iter().map(|name| format!("L_{name}")));
+        assert_eq!(in_order(&with_gripper, &numbers), Ok(first.map(|q| q + 1.0)));
+        let two_arms = [with_gripper.clone(), seven.clone()].concat();
+        assert!(
+            in_order(&two_arms, &[0.0; 15])
+                .unwrap_err()
+                .contains("joint1 twice")
+        );
+        let others = names(&["a", "b", "c", "d", "e", "f", "g"]);
+        assert!(
+            in_order(&others, &numbers)
+                .unwrap_err()
+                .contains("names no joint1")
+        );
+        assert!(
+            in_order(&seven, &numbers[..6])
+                .unwrap_err()
+                .contains("6 positions")
+        );
     }
 }
