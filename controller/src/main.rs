@@ -63,7 +63,7 @@ struct ServeArgs {
     policy: Option<PathBuf>,
     /// Cycles per second, 100 to 1000; the arm gets at most 250 targets a second (exactly 250 at 250,
     /// 500, 750 and 1000)
-    #[arg(long, value_name = "HZ", default_value = "250")]
+    #[arg(long, value_name = "HZ", default_value = "250", allow_negative_numbers = true)]
     rate_hz: Rate,
     /// Send no targets; imagine an arm that follows at once
     #[arg(long)]
@@ -72,11 +72,11 @@ struct ServeArgs {
     #[arg(long, value_name = "NAME", default_value = DEFAULT_INSTANCE, value_parser = arguments::instance)]
     instance: String,
     /// Silence of the arm, ms, after which a motion is stopped (20 to 2000)
-    #[arg(long, value_name = "MS", default_value_t = ROBOT_TIMEOUT_DEFAULT_MS, value_parser = timeout)]
+    #[arg(long, value_name = "MS", default_value_t = ROBOT_TIMEOUT_DEFAULT_MS, value_parser = timeout, allow_negative_numbers = true)]
     robot_timeout_ms: u64,
     /// Time the gripper takes to let go, ms (0 to 2000): it is told to open that much before the release.
     /// `offline diagnose` finds it as the effect "release delay"
-    #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=GRIPPER_LATENCY_MAX_MS))]
+    #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=GRIPPER_LATENCY_MAX_MS), allow_negative_numbers = true)]
     gripper_latency_ms: u64,
     /// Record every cycle to this new file, for `controller replay`
     #[arg(long, value_name = "FILE")]
@@ -121,10 +121,10 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         policy: Option<PathBuf>,
         /// Cycles per second, as for the controller itself
-        #[arg(long, value_name = "HZ", default_value = "250")]
+        #[arg(long, value_name = "HZ", default_value = "250", allow_negative_numbers = true)]
         rate_hz: Rate,
         /// How long to run the loop under each load, and cyclictest (if installed) again, s (1 to 3600)
-        #[arg(long, value_name = "S", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
+        #[arg(long, value_name = "S", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600), allow_negative_numbers = true)]
         seconds: u64,
         /// Write HDR histograms (.hgrm) into this folder
         #[arg(long, value_name = "DIR")]

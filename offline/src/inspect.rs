@@ -11,7 +11,7 @@ use shared::task::SwingTask;
 use std::fmt;
 use std::path::Path;
 
-/// Places in a rope's reach at which answers are shown: its ends and its middle.
+/// Places in a rope's reach, as it is told, at which answers are shown: its ends and its middle.
 const SHOWN: [f64; 3] = [0.0, 0.5, 1.0];
 
 /// What is in a blob.
@@ -96,11 +96,12 @@ pub fn stale(run: &RunFolder) -> Option<String> {
 
 impl BlobReport {
     fn new(blob: &Blob, bytes: &[u8]) -> Self {
-        let rope = |rope: &RopeEntry| RopeReport {
-            rope: rope.clone(),
-            answers: SHOWN
-                .map(|share| answer(blob, rope, rope.reach_m.at(share)))
-                .to_vec(),
+        let rope = |rope: &RopeEntry| {
+            let told_m = rope.reach_m.whole_millimetres();
+            RopeReport {
+                rope: rope.clone(),
+                answers: SHOWN.map(|share| answer(blob, rope, told_m.at(share))).to_vec(),
+            }
         };
         let provenance = &blob.provenance;
         Self {
@@ -258,6 +259,14 @@ mod tests {
             assert!(text.contains(part), "`{part}` is missing in\n{text}");
         }
         assert_eq!(text.matches("release at").count(), 3);
+        // Whoever sends a goal as it is printed is not refused: an end was rounded to outside of the reach.
+        let mut blob = blob();
+        blob.ropes[0].reach_m.high = 0.41998;
+        let told = BlobReport::new(&blob, &[]).to_string();
+        assert!(
+            told.contains("0.280 to 0.419 m") && told.contains("goal 0.4190 m"),
+            "{told}"
+        );
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!(json["ropes"][0]["name"], "red");
         assert_eq!(json["dataset"], "0000000000000003");

@@ -1,7 +1,7 @@
 //! `model.toml`: the one place that says what a rope is: parameters with errors, effects with
 //! parameters, and where they come from.
 
-use crate::demo::{Demo, SceneKind};
+use crate::demo::{Demo, RopeSpec, SceneKind, no_rope};
 use crate::effects;
 use crate::model::{Estimate, POISSON_RANGE, Structure, YOUNG_RANGE_PA};
 use crate::run_files::{FileError, Fnv64, RunFolder, write_whole};
@@ -10,6 +10,7 @@ use crate::sim::rope::RopeShape;
 use crate::toml_lines::line_at;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Name and version of the format.
@@ -241,43 +242,57 @@ impl ModelFile {
             mass_kg,
             end_mass_kg,
         } = self.rope;
-        for (name, value) in [
-            ("length_m", length_m),
-            ("diameter_m", diameter_m),
-            ("mass_kg", mass_kg),
-        ] {
-            anyhow::ensure!(
-                value.is_finite() && value > 0.0,
-                "{name} of the rope is {value}: write what the rope measures"
-            );
+        let spec = RopeSpec {
+            length_m,
+            diameter_m,
+            mass_kg,
+            end_mass_kg,
+            direction: [1.0, 0.0, 0.0],
+            roll_rad: 0.0,
+            assumed: Vec::new(),
+        };
+        if let Some((_, problem, remedy)) = no_rope(&spec) {
+            anyhow::bail!("{problem}: {remedy}");
         }
-        anyhow::ensure!(
-            end_mass_kg.is_finite() && end_mass_kg >= 0.0,
-            "end_mass_kg of the rope is {end_mass_kg}: write what hangs at its end, or leave it out"
-        );
         let wanted = Structure::default().parameters();
         let ranges = [YOUNG_RANGE_PA, POISSON_RANGE];
         for ((found, wanted), range) in self.elasticity.iter().zip(&wanted).zip(ranges) {
             refuse_other(found, [&wanted.name, wanted.unit])?;
             refuse_outside(&wanted.name, found.value, range, wanted.unit)?;
+            anyhow::ensure!(
+                found.standard_error >= 0.0,
+                "the standard error of {} is {}: write how sure the fit was",
+                wanted.name,
+                found.standard_error
+            );
         }
         let cells = self.provenance.cells_per_diameter;
         anyhow::ensure!(
-            cells.is_finite() && cells > 0.0,
-            "cells_per_diameter is {cells}: write the cells across the rope that it was fitted with"
+            CELLS.contains(&cells),
+            "cells_per_diameter is {cells}, outside {} to {}: write the cells across the rope that it was fitted with",
+            CELLS.start(),
+            CELLS.end()
         );
         Ok(())
     }
 }
 
+/// Cells across a rope that was fitted, with a margin.
+const CELLS: RangeInclusive<f64> = 1.0..=64.0;
 /// Share of a range by which a value may lie beyond it: what a fit took to an end may do so by a rounding.
 const ROUNDING: f64 = 1e-9;
 
 fn refuse_outside(name: &str, value: f64, [low, high]: [f64; 2], unit: &str) -> anyhow::Result<()> {
     let beyond = ROUNDING * (high - low);
+    // What has no unit has the unit 1.
+    let unit = if unit == "1" {
+        String::new()
+    } else {
+        format!(" {unit}")
+    };
     anyhow::ensure!(
         (low - beyond..=high + beyond).contains(&value),
-        "{name} is {value}, outside {low} to {high} {unit}: fit the rope again, or mend the value"
+        "{name} is {value}, outside {low} to {high}{unit}: fit the rope again, or mend the value"
     );
     Ok(())
 }
@@ -399,7 +414,26 @@ pub(crate) mod tests {
             ),
             (
                 text.replace("length_m = 0.3", "length_m = nan"),
-                "length_m of the rope is NaN",
+                "rope.length_m = NaN is no length of a rope",
+            ),
+            (
+                text.replace("length_m = 0.3", "length_m = 300.0"),
+                "rope.length_m = 300 is no length of a rope",
+            ),
+            (
+                text.replace("cells_per_diameter = 1.5", "cells_per_diameter = 1e9"),
+                "cells_per_diameter is 1000000000",
+            ),
+            (
+                text.replace(
+                    "name = \"poisson\"\nvalue = 0.3",
+                    "name = \"poisson\"\nvalue = 0.6",
+                ),
+                "poisson is 0.6, outside 0.05 to 0.45: fit",
+            ),
+            (
+                text.replacen("standard_error = ", "standard_error = -", 1),
+                "the standard error of young_pa is -",
             ),
             (twice, "stands there twice"),
         ];

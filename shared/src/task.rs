@@ -7,14 +7,11 @@ use serde::{Deserialize, Serialize};
 /// How far before a point of the task, along its x, the gripper starts its approach and ends its retreat, m.
 pub const STANDOFF_M: f64 = 0.06;
 
-struct Metres {
-    low_mm: f64,
-    high_mm: f64,
-}
+struct Metres(Interval);
 
 impl Display for Metres {
     fn fmt(&self, f: &mut Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{:.3} to {:.3} m", 1e-3 * self.low_mm, 1e-3 * self.high_mm)
+        write!(f, "{:.3} to {:.3} m", self.0.low, self.0.high)
     }
 }
 
@@ -48,11 +45,16 @@ impl Interval {
 
     /// A range of places for people, in whole millimetres, none of which lies outside: "0.363 to 0.411 m".
     pub fn metres(&self) -> impl Display {
+        Metres(self.whole_millimetres())
+    }
+
+    /// A range of places, m, as it is told to people: its ends in whole millimetres, not outside.
+    pub fn whole_millimetres(&self) -> Self {
         // 0.28 m is a little more than 280 mm.
         const ROUNDING: f64 = 1e-6;
-        Metres {
-            low_mm: libm::ceil(1e3 * self.low - ROUNDING),
-            high_mm: libm::floor(1e3 * self.high + ROUNDING),
+        Self {
+            low: 1e-3 * libm::ceil(1e3 * self.low - ROUNDING),
+            high: 1e-3 * libm::floor(1e3 * self.high + ROUNDING),
         }
     }
 

@@ -17,7 +17,7 @@ use offline::model_file::ModelFile;
 use offline::pipeline::{
     Beside, Identified, Inputs, Learned, NOT_DIAGNOSED, Profiled, RunSettings, Stage, Summary, beside, fit,
     freeze_policy, holds_diagnosis, identify, learn, profile, refuse_beside, refuse_strangers,
-    refuse_unnameable, refuse_unswingable, rollouts,
+    refuse_unnameable, refuse_unswingable, refuse_untrained, rollouts,
 };
 use offline::report::{PolicySection, ReportInput, html, tables, views};
 use offline::residual::{ResidualSummary, misfits};
@@ -92,7 +92,7 @@ pub fn run(arguments: &RunArguments, last: Stage, json: bool) -> anyhow::Result<
     }
     summary.wall_s = job.reporter.elapsed_s();
     if wrote {
-        record(&summary, dataset, (&job, last))?;
+        record(&summary, dataset, &job)?;
     }
     tell(&summary, json)?;
     match no_policy {
@@ -239,6 +239,7 @@ impl Job<'_> {
         summary.profiles = self.profiles(&of, &run.profile())?;
         let (mut dataset, mut policy) = (None, None);
         if last > Stage::Diagnose {
+            refuse_untrained(&identified, &self.settings, &self.also)?;
             // What comes before is kept round by round: there Ctrl-C ends the program at once.
             let progress = |p| reporter.advance(p);
             let watch = watch(&progress)?;
@@ -483,7 +484,7 @@ pub fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
 }
 
 /// Writes `run.json`.
-fn record(summary: &Summary, dataset: Option<u64>, (job, last): (&Job, Stage)) -> anyhow::Result<()> {
+fn record(summary: &Summary, dataset: Option<u64>, job: &Job) -> anyhow::Result<()> {
     let record = serde_json::json!({
         "command": command_line(),
         "program": PROGRAM,
@@ -492,11 +493,12 @@ fn record(summary: &Summary, dataset: Option<u64>, (job, last): (&Job, Stage)) -
             "model": offline::model_file::FORMAT,
             "blob": shared::blob::FORMAT_VERSION,
         },
+        "revisions": { "simulator": offline::sim::REVISION, "diagnosis": offline::diagnose::REVISION },
         "seed": job.arguments.seed,
         "settings": job.settings,
         "task_frame": job.arguments.place.frame(),
         "threads": rayon::current_num_threads(),
-        "hashes": hashes(job, dataset, last),
+        "hashes": hashes(job, dataset),
         "summary": summary,
     });
     write_whole(&job.run.record(), &serde_json::to_vec_pretty(&record)?)?;
@@ -521,27 +523,24 @@ fn tell(summary: &Summary, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// FNV-1a hashes of what went in and of what the stages that were done left, hexadecimal.
-fn hashes(job: &Job, dataset: Option<u64>, last: Stage) -> serde_json::Value {
+/// FNV-1a hashes of what went in and of every file that is there now, by whichever command it was left, hexadecimal.
+fn hashes(job: &Job, dataset: Option<u64>) -> serde_json::Value {
     let run = &job.run;
-    let file = |path: PathBuf, made_by: Stage| {
-        let bytes = (made_by <= last).then(|| std::fs::read(path).ok()).flatten();
-        bytes.map(|bytes| hex(Fnv64::of(&bytes)))
-    };
+    let file = |path: PathBuf| std::fs::read(path).ok().map(|bytes| hex(Fnv64::of(&bytes)));
     let demos = |list: &[u64]| list.iter().copied().map(hex).collect::<Vec<_>>();
     serde_json::json!({
         "demos": demos(&job.inputs.hashes),
         "held_out": demos(&job.inputs.held_out_hashes),
-        "fit": file(run.fit(), Stage::Fit),
-        "residual": file(run.residual(), Stage::Fit),
-        "diagnosis": file(run.diagnosis(), Stage::Diagnose),
-        "model": file(run.model(), Stage::Fit),
+        "fit": file(run.fit()),
+        "residual": file(run.residual()),
+        "diagnosis": file(run.diagnosis()),
+        "model": file(run.model()),
         "dataset": dataset.map(hex),
-        "weights": file(run.weights(), Stage::Train),
-        "evaluation": file(run.evaluation(), Stage::Train),
-        "evaluation_finer_grid": file(run.finer_evaluation(), Stage::Train),
-        "blob": file(run.blob(), Stage::Freeze),
-        "tables": file(run.tables(), Stage::Diagnose),
-        "report": file(run.report(), Stage::Diagnose),
+        "weights": file(run.weights()),
+        "evaluation": file(run.evaluation()),
+        "evaluation_finer_grid": file(run.finer_evaluation()),
+        "blob": file(run.blob()),
+        "tables": file(run.tables()),
+        "report": file(run.report()),
     })
 }

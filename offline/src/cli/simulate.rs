@@ -57,7 +57,7 @@ pub struct SimulateArguments {
 pub fn after_help() -> String {
     let mut help = String::from(
         "Examples: offline simulate --model runs/sample-rope --demo my-rope/lift-1 --out simulated\n          \
-         offline simulate --young-pa 0.9e6 --effect tip_mass=0.009 --release 0.12 0.2\n\n\
+         offline simulate --young-pa 0.9e6 --effect tip_mass=0.009 --release 0.08 0.15\n\n\
          Effects, their parameters and the ranges of these:",
     );
     for spec in effects::ALL {

@@ -2,9 +2,11 @@
 
 use super::table::line_of_row;
 use super::{
-    ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, SceneKind, StartState,
+    ClampSample, Demo, DemoError, DemoSpec, FORMAT, MarkerSample, Observations, RopeSpec, SceneKind,
+    StartState,
 };
 use crate::toml_lines::line_of;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Farthest coordinate from the origin that a table-top experiment can have, m.
@@ -14,7 +16,13 @@ const NORM_TOLERANCE: f64 = 1e-3;
 /// What to do about a direction or a quaternion whose norm is another.
 const NORMALISE: &str = "divide it by its norm";
 /// Densities from foam (15 kg/m³) to steel wire (8000 kg/m³), with a margin, kg/m³.
-const DENSITIES: std::ops::RangeInclusive<f64> = 5.0..=20_000.0;
+const DENSITIES: RangeInclusive<f64> = 5.0..=20_000.0;
+/// Lengths of ropes, m.
+const LENGTHS_M: RangeInclusive<f64> = 0.01..=10.0;
+/// Diameters of ropes, m; at most half the length too.
+const DIAMETERS_M: RangeInclusive<f64> = 2e-4..=0.2;
+/// Masses at a rope's end, kg.
+const END_MASSES_KG: RangeInclusive<f64> = 0.0..=10.0;
 /// Most that a rope can be rolled about its axis, rad.
 const FULL_TURN_RAD: f64 = std::f64::consts::TAU;
 
@@ -48,7 +56,15 @@ pub(super) fn demo(dir: &Path, demo: &Demo, text: &str) -> Result<(), DemoError>
         return Err(DemoError::new(dir, problem, "give one path for each clamp"));
     }
     for (index, path) in demo.clamps.iter().enumerate() {
-        clamp_path(&dir.join(format!("clamp_{index}.csv")), path)?;
+        let file = dir.join(format!("clamp_{index}.csv"));
+        clamp_path(&file, path)?;
+        if path.iter().all(|sample| !sample.closed) {
+            return Err(DemoError::new(
+                &file,
+                "the gripper never holds the rope: closed is 0 in every row",
+                "write 1 in every row while it is closed",
+            ));
+        }
     }
     for (index, path) in demo.commanded.iter().enumerate() {
         if let Some(path) = path {
@@ -187,43 +203,50 @@ fn table(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
     Ok(())
 }
 
-fn rope(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
-    let rope = &spec.rope;
-    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
-    if !(0.01..=10.0).contains(&rope.length_m) {
-        return fail(
-            "rope.length_m",
+/// What no rope measures: which value of it, what is wrong and what to do.
+pub(crate) fn no_rope(rope: &RopeSpec) -> Option<(&'static str, String, &'static str)> {
+    let density = rope.density_kg_m3();
+    if !LENGTHS_M.contains(&rope.length_m) {
+        return Some((
+            "length_m",
             format!("rope.length_m = {} is no length of a rope", rope.length_m),
             "give it in metres, from 0.01 to 10",
-        );
+        ));
     }
-    if !(2e-4..=0.2).contains(&rope.diameter_m) || rope.diameter_m > 0.5 * rope.length_m {
-        return fail(
-            "rope.diameter_m",
+    if !DIAMETERS_M.contains(&rope.diameter_m) || rope.diameter_m > 0.5 * rope.length_m {
+        return Some((
+            "diameter_m",
             format!("rope.diameter_m = {} is no diameter of a rope", rope.diameter_m),
             "give it in metres, from 0.0002 to 0.2 and at most half the length",
-        );
+        ));
     }
-    let density = rope.density_kg_m3();
     if !DENSITIES.contains(&density) {
-        return fail(
-            "rope.mass_kg",
+        return Some((
+            "mass_kg",
             format!(
                 "rope.mass_kg = {} makes a density of {density:.3e} kg/m³",
                 rope.mass_kg
             ),
             "give mass in kg, length and diameter in metres (5 to 20000 kg/m³)",
-        );
+        ));
     }
-    if !(0.0..=10.0).contains(&rope.end_mass_kg) {
-        return fail(
-            "rope.end_mass_kg",
+    (!END_MASSES_KG.contains(&rope.end_mass_kg)).then(|| {
+        (
+            "end_mass_kg",
             format!(
                 "rope.end_mass_kg = {} is no mass at a rope's end",
                 rope.end_mass_kg
             ),
             "give it in kg, from 0 to 10",
-        );
+        )
+    })
+}
+
+fn rope(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
+    let rope = &spec.rope;
+    let fail = |key: &str, problem: String, remedy: &str| Err(declared.error(key, problem, remedy));
+    if let Some((value, problem, remedy)) = no_rope(rope) {
+        return fail(&format!("rope.{value}"), problem, remedy);
     }
     // NaN is in no range.
     if !(-FULL_TURN_RAD..=FULL_TURN_RAD).contains(&rope.roll_rad) {

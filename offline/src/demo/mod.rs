@@ -19,6 +19,7 @@ mod summary;
 mod table;
 mod write;
 
+pub(crate) use check::no_rope;
 pub use cut::pose_at;
 pub use draw::plot_svg;
 pub use error::DemoError;

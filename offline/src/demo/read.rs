@@ -63,7 +63,12 @@ pub(super) fn name_of(dir: &Path) -> String {
 /// Without a readable `demo.toml`, what was named is most likely another folder than the one that was meant.
 fn not_a_demo(file: &Path, error: &std::io::Error) -> DemoError {
     match error.kind() {
-        ErrorKind::NotFound | ErrorKind::NotADirectory => DemoError::new(
+        ErrorKind::NotADirectory => DemoError::new(
+            file.parent().unwrap_or(file),
+            "is a file, and a demo is a folder",
+            "give the folder that holds it",
+        ),
+        ErrorKind::NotFound => DemoError::new(
             file,
             "there is no such file",
             "give the path of an existing demo folder, or add the file",

@@ -146,14 +146,17 @@ mod tests {
         let mut demo =
             Demo::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("demos/sample-rope/fit")).unwrap();
         match &mut demo.observations {
-            crate::demo::Observations::Clouds(clouds) => clouds.truncate(2),
+            crate::demo::Observations::Clouds(clouds) => {
+                clouds.truncate(2);
+                clouds[1].points_m.truncate(8);
+            }
             crate::demo::Observations::Markers(_) => panic!("the sample shows clouds"),
         }
         let problem = Problem::new(&[&demo], Resolution::COARSEST)
             .unwrap()
             .of_share(FrameShare::HeldOut);
         let refusal = problem.residuals(&Structure::default(), &[14.0, 0.3]).err();
-        let refusal = refusal.expect("two frames are too few").to_string();
+        let refusal = refusal.expect("eight points are too few").to_string();
         assert!(
             refusal.contains("in the part of it that is held out"),
             "{refusal}"

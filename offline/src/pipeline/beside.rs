@@ -1,7 +1,9 @@
 //! Other identified ropes that a blob holds beside the run's own: one policy answers for each by its stiffness.
 
 use super::BesideSummary;
-use super::learn::{reach, swing_of};
+use super::identify::Identified;
+use super::learn::{design, reach, swing_of};
+use super::settings::{RunSettings, refuse_unnameable};
 use crate::collect::Watch;
 use crate::evaluate::MissSummary;
 use crate::model_file::ModelFile;
@@ -36,7 +38,7 @@ impl Beside {
 /// Refuses ropes that no blob could hold beside one called `own`, before hours of work.
 ///
 /// # Errors
-/// There are too many, two have one name, or one is too long for the task.
+/// There are too many, two have one name, one has a name for which a blob has no room, or one is too long for the task.
 pub fn refuse_beside(own: &str, others: &[ModelFile]) -> anyhow::Result<()> {
     anyhow::ensure!(
         others.len() < MAX_ROPES,
@@ -46,6 +48,7 @@ pub fn refuse_beside(own: &str, others: &[ModelFile]) -> anyhow::Result<()> {
     );
     for (index, other) in others.iter().enumerate() {
         let name = &other.name;
+        refuse_unnameable(name, 1)?;
         let earlier = others[..index].iter().map(|model| model.name.as_str());
         anyhow::ensure!(
             name != own && !earlier.clone().any(|before| before == name),
@@ -54,6 +57,22 @@ pub fn refuse_beside(own: &str, others: &[ModelFile]) -> anyhow::Result<()> {
         swingable(&other.rope, &SwingTask::PAPER).with_context(|| format!("rope {name}"))?;
     }
     Ok(())
+}
+
+/// Refuses ropes that the policy of an identified one will not be trained for, before hours of work.
+///
+/// # Errors
+/// One is softer or stiffer than any that the policy will be trained on.
+pub fn refuse_untrained(
+    identified: &Identified,
+    settings: &RunSettings,
+    others: &[ModelFile],
+) -> anyhow::Result<()> {
+    let model = &identified.model;
+    let trained = design(&swing_of(model)?, model, settings).young_pa;
+    others
+        .iter()
+        .try_for_each(|other| refuse_outside(other, &trained).with_context(|| format!("rope {}", other.name)))
 }
 
 /// Swings other ropes by a policy that learnt one, towards goals that are predicted to be reached.
@@ -94,14 +113,20 @@ fn swing_beside(
 /// It is softer or stiffer than any that the policy was trained on.
 fn told(model: &ModelFile, ranges: &TrainingRanges) -> anyhow::Result<(f64, f64)> {
     let [young_pa, poisson] = [0, 1].map(|k| model.elasticity[k].value);
-    anyhow::ensure!(
-        ranges.young_pa.contains(young_pa),
-        "its Young's modulus, {young_pa:.3e} Pa, is outside of what the policy was trained on, {:.3e} to {:.3e} Pa: give it \
-         a policy of its own",
-        ranges.young_pa.low,
-        ranges.young_pa.high
-    );
+    refuse_outside(model, &ranges.young_pa)?;
     Ok((young_pa, ranges.poisson.clamp(poisson)))
+}
+
+fn refuse_outside(model: &ModelFile, trained: &Interval) -> anyhow::Result<()> {
+    let young_pa = model.elasticity[0].value;
+    anyhow::ensure!(
+        trained.contains(young_pa),
+        "its Young's modulus, {young_pa:.3e} Pa, is outside of what the policy is trained on, {:.3e} to {:.3e} Pa: give it \
+         a policy of its own",
+        trained.low,
+        trained.high
+    );
+    Ok(())
 }
 
 #[cfg(test)]

@@ -82,7 +82,7 @@ fn rope_inputs(model: &ModelFile, design: &Design) -> (f64, f64) {
 }
 
 /// The random design of a run, widened so that it holds the identified rope.
-fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> Design {
+pub(super) fn design(swing: &SimulatedSwing, model: &ModelFile, settings: &RunSettings) -> Design {
     let young = model.elasticity[0].value;
     Design {
         young_pa: Interval {

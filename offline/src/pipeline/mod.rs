@@ -15,7 +15,7 @@ mod profile;
 mod settings;
 
 #[cfg(feature = "train")]
-pub use beside::{Beside, beside, refuse_beside};
+pub use beside::{Beside, beside, refuse_beside, refuse_untrained};
 pub use fit::{NOT_DIAGNOSED, fit, refuse_strangers};
 pub use identify::{Identified, holds_diagnosis, identify};
 #[cfg(feature = "train")]
