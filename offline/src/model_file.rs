@@ -425,10 +425,7 @@ pub(crate) mod tests {
                 "cells_per_diameter is 1000000000",
             ),
             (
-                text.replace(
-                    "name = \"poisson\"\nvalue = 0.3",
-                    "name = \"poisson\"\nvalue = 0.6",
-                ),
+                text.replace("unit = \"1\"\nvalue = 0.3", "unit = \"1\"\nvalue = 0.6"),
                 "poisson is 0.6, outside 0.05 to 0.45: fit",
             ),
             (
