@@ -230,19 +230,15 @@ fn an_undeclared_clamp_file_is_refused() {
 
 #[test]
 fn a_folder_that_is_not_there_or_a_file_is_refused() {
-    let error = Demo::load("no/such/folder")
-        .expect_err("it is not there")
-        .to_string();
+    let load = |path: &Path| Demo::load(path).expect_err("it is no demo").to_string();
+    let error = load(Path::new("no/such/folder"));
     assert!(
         error.contains("demo.toml") && error.contains("existing demo folder"),
         "{error}"
     );
     let (_parent, dir) = saved(&cloud_demo());
-    let file = Demo::load(dir.join("demo.toml")).expect_err("it is a file");
-    assert!(
-        file.to_string().ends_with("give the folder that holds it"),
-        "{file}"
-    );
+    let file = load(&dir.join("demo.toml"));
+    assert!(file.ends_with("give the folder that holds it"), "{file}");
 }
 
 #[test]
