@@ -538,7 +538,9 @@ fn path() -> impl Strategy<Value = Vec<ClampSample>> {
             quaternion_xyzw,
             closed,
         };
-        times.into_iter().zip(rest).map(join).collect()
+        let mut path: Vec<ClampSample> = times.into_iter().zip(rest).map(join).collect();
+        path[0].closed = true;
+        path
     })
 }
 
