@@ -362,15 +362,19 @@ class Errors(WithFakes):
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(self.port.states[-1][1], 0)
 
-    def test_a_gripper_that_fails_stops_the_arm(self):
+    def let_the_gripper_fail(self, gripper, state):
+        """The gripper does not do what a target tells it, which is reported."""
         self.api.gripper_obeys = False
-        self.port.next(self.near(0.0), Gripper.CLOSED)
-        self.bridge.turn(Phase.GRASP)
+        self.port.next(self.near(0.0), gripper)
+        self.bridge.turn(state)
         deadline = time.monotonic() + 5
         while self.arm.gripper_error == 0 and time.monotonic() < deadline:
             time.sleep(0.001)
-        self.bridge.turn(Phase.GRASP)
+        self.bridge.turn(state)
         self.assertEqual(self.port.states[-1][1], GRIPPER_FAILED + 19)
+
+    def test_a_gripper_that_fails_stops_the_arm(self):
+        self.let_the_gripper_fail(Gripper.CLOSED, Phase.GRASP)
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(self.port.states[-1][1], 0)
@@ -378,14 +382,7 @@ class Errors(WithFakes):
     def test_a_gripper_that_did_not_open_is_not_reported_open_once_the_arm_is_clear(self):
         self.api.gripper_answer = (0, GRIPPER_CLOSED)
         self.bridge = self.start()
-        self.api.gripper_obeys = False
-        self.port.next(self.near(0.0), Gripper.OPEN)
-        self.bridge.turn(Phase.RELEASE)
-        deadline = time.monotonic() + 5
-        while self.arm.gripper_error == 0 and time.monotonic() < deadline:
-            time.sleep(0.001)
-        self.bridge.turn(Phase.RELEASE)
-        self.assertEqual(self.port.states[-1][1], GRIPPER_FAILED + 19)
+        self.let_the_gripper_fail(Gripper.OPEN, Phase.RELEASE)
         self.bridge.turn(Phase.FAULT)
         self.bridge.turn(Phase.FAULT)
         self.assertEqual(self.port.states[-1][1:], (0, Gripper.CLOSED))

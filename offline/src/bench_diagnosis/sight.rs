@@ -96,13 +96,13 @@ mod tests {
     use crate::model::Structure;
     use crate::observe::noise_m;
 
-    fn cell(clouds: bool) -> Cell {
+    fn cell() -> Cell {
         let extent = Extent {
             quick: true,
             seeds: 1,
             first_seed: 1,
             alone: false,
-            clouds,
+            clouds: true,
         };
         matrix(&Finer.repertoire(), &extent).remove(0)
     }
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn clouds_lie_around_the_rope_and_their_floor_is_the_one_that_is_counted_in() {
         const YOUNG_PA: f64 = 0.4e6;
-        let cell = cell(true);
+        let cell = cell();
         let track = Finer
             .rough_tracks(YOUNG_PA, &[], &MOTIONS[..1])
             .unwrap()

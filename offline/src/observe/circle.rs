@@ -278,8 +278,8 @@ mod tests {
         }
     }
 
-    /// Seen: of a rope between two cameras, one section in three thousand was found on the other side of its points. Nine of
-    /// ten points are one camera's here, and few.
+    /// Seen: of a rope between two cameras, one section in three thousand was found on the other side of its points. All nine
+    /// points are one camera's here.
     #[test]
     fn of_a_rope_between_two_cameras_no_section_is_found_beyond_its_points() {
         let rays = [ray(-2.5), ray(2.4)];

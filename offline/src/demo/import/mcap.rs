@@ -422,6 +422,7 @@ fn of_pose(stamped: &Stamped<PoseStamped>, clock: &Clock) -> ClampSample {
         closed: true,
     }
 }
+
 /// Joint angles in the arm's order: by names that end in joint1 to joint7, as the driver gives them with or without an arm's
 /// prefix; as they stand where they have no names.
 fn in_order(names: &[String], positions: &[f64]) -> Result<[f64; JOINTS], String> {
