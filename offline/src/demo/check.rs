@@ -328,6 +328,13 @@ fn cameras(declared: &Declared, spec: &DemoSpec) -> Result<(), DemoError> {
             &format!("quaternion of camera '{name}'"),
             &camera.quaternion_xyzw,
         )?;
+        if spec.cameras[..index].iter().any(|other| other.name == *name) {
+            return Err(declared.error(
+                &format!("cameras.{index}.name"),
+                format!("two cameras are called '{name}'"),
+                "give each its own name, which messages say",
+            ));
+        }
         let near = camera.position_m.iter().all(|x| x.abs() <= FARTHEST_M);
         let optics = camera.focal_px.iter().all(|f| *f > 0.0 && f.is_finite())
             && camera.centre_px.iter().all(|c| c.is_finite())

@@ -5,6 +5,7 @@ use super::table::{Table, line_of_row};
 use super::{ClampSample, CloudFrame, Demo, DemoError, DemoSpec, MarkerSample, Observations};
 use super::{check, make_continuous, points};
 use crate::toml_lines::line_at;
+use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
@@ -197,12 +198,21 @@ pub(super) fn read_observations(dir: &Path) -> Result<Observations, DemoError> {
 fn read_clouds(dir: &Path, file: &Path) -> Result<Vec<CloudFrame>, DemoError> {
     let table = Table::read(file, &["t_s", "file"], &[])?;
     let mut frames = Vec::with_capacity(table.len());
+    let mut seen = HashMap::new();
     for row in 0..table.len() {
         let name = Path::new(table.text(row, "file"));
         let inside = name.components().all(|part| matches!(part, Component::Normal(_)));
         if name.as_os_str().is_empty() || !inside {
             let problem = format!("'{}' is no file inside the folder", name.display());
             return Err(table.error(row, problem, "write a path such as clouds/0000.ply"));
+        }
+        if let Some(before) = seen.insert(name.to_owned(), row) {
+            let problem = format!("'{}' stands in line {} too", name.display(), line_of_row(before));
+            return Err(table.error(
+                row,
+                problem,
+                "name each cloud once, and delete the row where nothing new was seen",
+            ));
         }
         let t_s = table.number(row, "t_s")?;
         let path = dir.join(name);

@@ -1,6 +1,6 @@
 //! Where refits start: the model's own parameters as the data told them, changed as an effect's score says.
 
-use crate::fit::{Evaluation, YOUNG, tells};
+use crate::fit::{Evaluation, YOUNG, stiffness_change, tells};
 use crate::model::{ParameterInfo, Structure};
 
 /// θ of a model where the data told it, the prior's centre where they did not; and whether they did.
@@ -12,8 +12,7 @@ pub(super) fn told(best: &Evaluation, structure: &Structure) -> Vec<(f64, bool)>
         .collect()
 }
 
-/// θ of which some entries are told, these changed by so many times `change`. Loads and stiffness grow in proportion, so
-/// the change of ln E is taken for that of E itself.
+/// θ of which some entries are told, these changed by so many times `change`; the stiffness by [`stiffness_change`].
 pub(super) fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: f64) -> Vec<f64> {
     let change = change.iter().copied().chain(std::iter::repeat(0.0));
     let entries = told.iter().zip(info).zip(change).enumerate();
@@ -21,7 +20,7 @@ pub(super) fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f6
         .map(|(k, ((&(value, told), p), change))| {
             let change = match (told, times * change) {
                 (false, _) => 0.0,
-                (true, change) if k == YOUNG => change.signum() * change.abs().ln_1p(),
+                (true, change) if k == YOUNG => stiffness_change(change),
                 (true, change) => change,
             };
             (value + change).clamp(p.low, p.high)

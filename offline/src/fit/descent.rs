@@ -5,6 +5,7 @@ use super::broyden::Traced;
 use super::correlation::Correlation;
 use super::cost::{cost_equations, total_cost};
 use super::problem::{Evaluation, FitError, Problem};
+use super::step::{STEP_TOLERANCE, damped_step, is_small, moved};
 use super::uncertainty::{POISSON, tells_poisson};
 use crate::model::{ParameterInfo, Structure};
 use nalgebra::{DMatrix, DVector};
@@ -75,10 +76,8 @@ impl FitResult {
     }
 }
 
-/// A step smaller than this share of every standard error ends the descent.
-const STEP_TOLERANCE: f64 = 0.1;
-/// So does one that promises no more than such a step does: half the square of it, in units of the mean
-/// square misfit. (A share of the whole cost would not do: with thousands of rows it ends the descent
+/// A step that promises no more than a small one does ends the descent, as that does: half the square of it, in units of the
+/// mean square misfit. (A share of the whole cost would not do: with thousands of rows it ends the descent
 /// several standard errors away from the minimum.)
 const SMALL_DECREASE: f64 = 0.5 * STEP_TOLERANCE * STEP_TOLERANCE;
 
@@ -90,8 +89,12 @@ const COST_NOISE: f64 = 3e-4;
 const PROMISES: f64 = 4.0;
 /// Damping beyond which no step is tried.
 const MOST_DAMPING: f64 = 1e8;
-/// Damping of a descent's first step.
+/// Most damping of a descent's first step.
 const FIRST_DAMPING: f64 = 1e-3;
+/// And least.
+const LEAST_FIRST_DAMPING: f64 = 1e-9;
+/// Share of what an undamped first step promises that a damped one promises at least.
+const LEAST_PROMISED: f64 = 0.5;
 /// And by how much it grows where that does not lower the cost.
 const FIRST_GROWTH: f64 = 2.0;
 /// Damping up to which a step promises what an undamped one does.
@@ -172,10 +175,12 @@ impl<'a> Descent<'a> {
         theta: &[f64],
         held: Vec<bool>,
     ) -> Result<Self, FitError> {
-        Ok(Self {
+        let mut first = Self {
             held,
             ..Self::at(problem, structure, theta)?
-        })
+        };
+        first.damp_first();
+        Ok(first)
     }
 
     /// At the first of some starts that costs less than `below`, or at the best of them where none does.
@@ -213,7 +218,7 @@ impl<'a> Descent<'a> {
     /// The start cannot be simulated, or too little was measured there.
     pub(super) fn of(here: Problem<'a>, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
         let start = here.traced(structure, theta, &vec![false; theta.len()])?;
-        Ok(Self {
+        let mut first = Self {
             held: not_told(&here, structure, &start.evaluation),
             cost: total_cost(&start.evaluation, &structure.parameters()),
             here,
@@ -225,7 +230,9 @@ impl<'a> Descent<'a> {
             growth: FIRST_GROWTH,
             slopes: Slopes::Whole,
             prior_weight: 1.0,
-        })
+        };
+        first.damp_first();
+        Ok(first)
     }
 
     /// Whether it came to rest, or had as many evaluations as this without.
@@ -245,6 +252,20 @@ impl<'a> Descent<'a> {
     /// Cost so far.
     pub fn cost(&self) -> f64 {
         self.cost
+    }
+
+    /// Damps the first step as far as leaves it a good part of what it promises undamped, as if none had been tried. In a
+    /// narrow valley, as of a bending ratio and the stiffness that falls as it grows, what is little damping elsewhere leaves
+    /// a hundredth of a step, whose promise is lost in rounding.
+    fn damp_first(&mut self) {
+        let info = self.info(self.prior_weight);
+        let promise = |damping: f64| self.damped(damping, &info).1;
+        let enough = LEAST_PROMISED * promise(0.0);
+        let mut damping = FIRST_DAMPING;
+        while damping > LEAST_FIRST_DAMPING && promise(damping) < enough {
+            damping *= 0.1;
+        }
+        (self.damping, self.growth) = (damping, FIRST_GROWTH);
     }
 
     /// Goes on until it ends or the budget is spent; a descent that ended is at its end.
@@ -271,7 +292,7 @@ impl<'a> Descent<'a> {
     pub fn shrunk(mut self, evaluations: usize, most_cost: f64) -> Self {
         self.complete();
         // Steps are promised as they will be taken: by the damping that stopped the last descent nothing would move.
-        self.damping = FIRST_DAMPING;
+        self.damp_first();
         let heaviest = Correlation::of(&self.best.evaluation).variance_factor().sqrt();
         let held = |weight: f64| self.clone().under(weight).again(evaluations);
         let weight = self.heaviest_that_promises(heaviest, most_cost);
@@ -316,7 +337,7 @@ impl<'a> Descent<'a> {
     /// Goes on as if it had just begun; what ended it stays its end.
     fn again(mut self, evaluations: usize) -> Self {
         let end = self.stop;
-        (self.damping, self.growth) = (FIRST_DAMPING, FIRST_GROWTH);
+        self.damp_first();
         self.stop = StopReason::BudgetSpent;
         let budget = self.evaluations + evaluations;
         Self {
@@ -352,9 +373,14 @@ impl<'a> Descent<'a> {
 
     /// That step, what it promises, and the Hessian.
     fn step(&self, info: &[ParameterInfo]) -> (DVector<f64>, f64, DMatrix<f64>) {
+        self.damped(self.damping, info)
+    }
+
+    /// The same so damped.
+    fn damped(&self, damping: f64, info: &[ParameterInfo]) -> (DVector<f64>, f64, DMatrix<f64>) {
         let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
         let place = (&self.best.evaluation.theta[..], &self.held[..]);
-        let step = damped_step((&hessian, &gradient), self.damping, place, info);
+        let step = damped_step((&hessian, &gradient), damping, place, info);
         let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
         (step, predicted, hessian)
     }
@@ -421,10 +447,7 @@ impl<'a> Descent<'a> {
         hessian: &DMatrix<f64>,
         info: &[ParameterInfo],
     ) -> bool {
-        let theta = &self.best.evaluation.theta;
-        // θ + (end − θ) may lie beyond the end by a rounding.
-        let moved = theta.iter().zip(step.iter()).zip(info);
-        let trial: Vec<f64> = moved.map(|((t, s), p)| (t + s).clamp(p.low, p.high)).collect();
+        let trial = moved(&self.best.evaluation.theta, step, info);
         // A trial that cannot be simulated is a step too far.
         let Ok(there) = self.here.settled(&self.structure, &trial) else {
             return false;
@@ -521,58 +544,34 @@ pub(super) fn not_told(problem: &Problem, structure: &Structure, evaluation: &Ev
     held
 }
 
-/// The damped Newton step inside the box, without the entries that are held. Entries that would leave it are put
-/// on the bound and the others solved again.
-fn damped_step(
-    (hessian, gradient): (&DMatrix<f64>, &DVector<f64>),
-    damping: f64,
-    (theta, held): (&[f64], &[bool]),
-    info: &[ParameterInfo],
-) -> DVector<f64> {
-    let n = theta.len();
-    let mut fixed: Vec<Option<f64>> = held.iter().map(|held| held.then_some(0.0)).collect();
-    loop {
-        let mut a = hessian.clone();
-        let mut b = -gradient.clone();
-        for k in 0..n {
-            a[(k, k)] *= 1.0 + damping;
-        }
-        for k in 0..n {
-            if let Some(value) = fixed[k] {
-                for i in 0..n {
-                    b[i] -= hessian[(i, k)] * value;
-                    a[(i, k)] = 0.0;
-                    a[(k, i)] = 0.0;
-                }
-            }
-        }
-        for k in 0..n {
-            if let Some(value) = fixed[k] {
-                a[(k, k)] = 1.0;
-                b[k] = value;
-            }
-        }
-        let Some(factor) = a.cholesky() else {
-            return DVector::zeros(n);
-        };
-        let step = factor.solve(&b);
-        let mut clean = true;
-        for k in 0..n {
-            let allowed = step[k].clamp(info[k].low - theta[k], info[k].high - theta[k]);
-            if fixed[k].is_none() && allowed != step[k] {
-                fixed[k] = Some(allowed);
-                clean = false;
-            }
-        }
-        if clean {
-            return step;
-        }
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench_diagnosis::experiment::MOTIONS;
+    use crate::bench_diagnosis::reality::{Finer, Reality, part};
+    use crate::effects;
+    use crate::fit::{Resolution, fit_from};
 
-/// Whether a step is small against standard errors that grow with the misfit: where the model lacks
-/// an effect, the place of the minimum is uncertain by more than the noise says.
-fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, misfit: f64) -> bool {
-    let inflation = misfit.sqrt();
-    (0..step.len()).all(|k| step[k].abs() * hessian[(k, k)].sqrt() < STEP_TOLERANCE * inflation)
+    /// Its bending says nothing but the product of ratio and stiffness: a descent stayed where the fit without the ratio had
+    /// ended, because what the damping left of its steps promised nothing, and along their line the rope bent otherwise.
+    #[test]
+    fn a_descent_follows_the_valley_of_bending_and_stiffness() {
+        let track = &Finer
+            .rough_tracks(0.5e6, &[part("bending_ratio", 60.0)], &MOTIONS[..1])
+            .unwrap()[0];
+        let demo = MOTIONS[0].demo(track, 0.0003, 1);
+        let problem = Problem::new(&[&demo], Resolution { cells: 1.5 }).unwrap();
+        let base = Structure::default();
+        let without = fit_from(&problem, &base, vec![2e6_f64.ln(), 0.3], 24).unwrap();
+        let with = base.with(effects::find("bending_ratio").unwrap());
+        let start = [without.best.theta, vec![1.0]].concat();
+        let end = Descent::at(&problem, &with, &start).unwrap().run(24).finish();
+        let [young_pa, ratio] = [end.best.theta[0].exp(), end.best.theta[2]];
+        assert!(
+            (3.0..5.0).contains(&ratio),
+            "ratio {ratio}, E {young_pa} Pa, {:?}",
+            end.stop
+        );
+        assert!(end.cost < 0.5 * without.cost, "{} of {}", end.cost, without.cost);
+    }
 }

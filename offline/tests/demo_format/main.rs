@@ -1,11 +1,12 @@
 //! The demo folder: what is saved loads again, and everything malformed is refused with one line
 //! that names the file, the line and what to do.
 
+mod random;
+
 use offline::demo::{
     CameraSpec, ClampSample, ClampSpec, CloudFrame, Demo, DemoSpec, FORMAT, MarkerSample, Observations,
     RopeEnd, RopeSpec, SceneKind, StartState, TableSpec,
 };
-use proptest::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -144,6 +145,7 @@ refusals! {
     lift_with_no_clamp: cloud_demo, "demo.toml", "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n" => "", "demo.toml:2", "0 clamps";
     same_end_twice: cloud_demo, "demo.toml", "[[clamps]]" => "[[clamps]]\nend = \"start\"\ngrip_m = 0.02\n[[clamps]]", "demo.toml:2", "2 clamps";
     camera_quaternion: cloud_demo, "demo.toml", "[0.0, 0.0, 0.0, 1.0]" => "[0.0, 0.0, 0.0, 2.0]", "demo.toml:23", "camera 'left'";
+    cameras_of_one_name: cloud_demo, "demo.toml", "[[cameras]]" => "[[cameras]]\nname = \"left\"\nposition_m = [0.0, 0.5, 0.5]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\nwidth_px = 640\nheight_px = 480\nfocal_px = [385.0, 385.0]\ncentre_px = [320.0, 240.0]\n[[cameras]]", "demo.toml:29", "two cameras are called 'left'";
     camera_focal_length: cloud_demo, "demo.toml", "[385.0, 385.0]" => "[385.0, 0.0]", "demo.toml:20", "optics";
     clamp_column_missing: cloud_demo, "clamp_0.csv", "z_m," => "", "clamp_0.csv:1", "'z_m' is missing";
     clamp_column_unknown: cloud_demo, "clamp_0.csv", "z_m," => "z_mm,", "clamp_0.csv:1", "'z_mm'";
@@ -167,6 +169,7 @@ refusals! {
     clouds_column: cloud_demo, "clouds.csv", "file" => "path", "clouds.csv:1", "'path'";
     clouds_time_goes_back: cloud_demo, "clouds.csv", "0.1," => "-0.1,", "clouds.csv:3", "t_s";
     clouds_file_missing: cloud_demo, "clouds.csv", "0001.ply" => "0007.ply", "clouds.csv:3", "0007.ply";
+    clouds_file_twice: cloud_demo, "clouds.csv", "0001.ply" => "0000.ply", "clouds.csv:3", "line 2 too";
     clouds_file_outside: cloud_demo, "clouds.csv", "clouds/0001.ply" => "../0001.ply", "clouds.csv:3", "inside";
     clouds_none: cloud_demo, "clouds.csv", "0,clouds/0000.ply\n0.1,clouds/0001.ply\n" => "", "clouds.csv", "no rows";
     markers_column: marker_demo, "markers.csv", "s_m," => "", "markers.csv:1", "'s_m'";
@@ -501,99 +504,4 @@ fn a_start_that_the_data_do_not_show_is_refused_at_its_line() {
         replace(&file, "\"lift\"", "\"free\"\nstart = \"moving\"");
     };
     refused(&cloud_demo(), spoil, "demo.toml:3", "without markers");
-}
-
-fn coordinate() -> impl Strategy<Value = f64> {
-    (-2.0f32..2.0).prop_map(f64::from)
-}
-
-fn point() -> impl Strategy<Value = [f64; 3]> {
-    [coordinate(), coordinate(), coordinate()]
-}
-
-fn turn() -> impl Strategy<Value = [f64; 4]> {
-    [-1.0f64..1.0, -1.0f64..1.0, -1.0f64..1.0, 0.1f64..1.0].prop_map(|q: [f64; 4]| {
-        let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        q.map(|x| x / norm)
-    })
-}
-
-fn times(count: usize) -> impl Strategy<Value = Vec<f64>> {
-    prop::collection::vec(1e-4f64..0.1, count).prop_map(|steps| {
-        let mut t = -0.05;
-        let next = |step: f64| {
-            t += step;
-            t
-        };
-        steps.into_iter().map(next).collect()
-    })
-}
-
-fn path() -> impl Strategy<Value = Vec<ClampSample>> {
-    let rest = prop::collection::vec((point(), turn(), any::<bool>()), 4);
-    (times(4), rest).prop_map(|(times, rest)| {
-        let join = |(t_s, (position_m, quaternion_xyzw, closed)): (f64, _)| ClampSample {
-            t_s,
-            position_m,
-            quaternion_xyzw,
-            closed,
-        };
-        let mut path: Vec<ClampSample> = times.into_iter().zip(rest).map(join).collect();
-        path[0].closed = true;
-        path
-    })
-}
-
-fn clouds() -> impl Strategy<Value = Observations> {
-    let points = prop::collection::vec(prop::collection::vec(point(), 1..20), 3);
-    (times(3), points).prop_map(|(times, points)| {
-        let join = |(t_s, points_m)| CloudFrame { t_s, points_m };
-        Observations::Clouds(times.into_iter().zip(points).map(join).collect())
-    })
-}
-
-fn markers() -> impl Strategy<Value = Observations> {
-    (times(3), prop::collection::vec(point(), 6), 0.0f64..0.25).prop_map(|(times, points, s)| {
-        let sample = |index: usize, position_m: [f64; 3]| MarkerSample {
-            t_s: times[index / 2],
-            marker: format!("m{}", index % 2),
-            s_m: if index.is_multiple_of(2) { s } else { 0.25 },
-            position_m,
-        };
-        Observations::Markers(
-            points
-                .into_iter()
-                .enumerate()
-                .map(|(i, p)| sample(i, p))
-                .collect(),
-        )
-    })
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-    #[test]
-    fn what_is_saved_loads_again(
-        path in path(),
-        commanded in prop::option::of(path()),
-        observations in prop_oneof![clouds(), markers()],
-        notes in "[ -~äµ\n\"]{0,40}",
-        friction in 0.0f64..2.0,
-        noise_m in 1e-6f64..0.02,
-        direction in turn(),
-    ) {
-        let mut demo = cloud_demo();
-        demo.spec.notes = notes;
-        demo.spec.table.as_mut().expect("it lies on a table").friction = friction;
-        demo.spec.noise_m = noise_m;
-        demo.spec.cameras[0].quaternion_xyzw = direction;
-        demo.clamps = vec![path];
-        demo.commanded = vec![commanded];
-        demo.observations = observations;
-        let (_parent, dir) = saved(&demo);
-        let loaded = Demo::load(&dir).expect("it was saved");
-        demo.clamps.iter_mut().for_each(|path| same_signs(path));
-        demo.commanded.iter_mut().flatten().for_each(|path| same_signs(path));
-        prop_assert_eq!(loaded, demo);
-    }
 }
