@@ -1,6 +1,6 @@
 //! Where refits start: the model's own parameters as the data told them, changed as an effect's score says.
 
-use crate::fit::{Evaluation, YOUNG, stiffness_change, tells};
+use crate::fit::{Evaluation, moved, tells};
 use crate::model::{ParameterInfo, Structure};
 
 /// θ of a model where the data told it, the prior's centre where they did not; and whether they did.
@@ -12,20 +12,15 @@ pub(super) fn told(best: &Evaluation, structure: &Structure) -> Vec<(f64, bool)>
         .collect()
 }
 
-/// θ of which some entries are told, these changed by so many times `change`; the stiffness by [`stiffness_change`].
+/// θ of which some entries are told, these changed by so many times `change`.
 pub(super) fn changed(told: &[(f64, bool)], info: &[ParameterInfo], change: &[f64], times: f64) -> Vec<f64> {
+    let (theta, told): (Vec<f64>, Vec<bool>) = told.iter().copied().unzip();
     let change = change.iter().copied().chain(std::iter::repeat(0.0));
-    let entries = told.iter().zip(info).zip(change).enumerate();
-    entries
-        .map(|(k, ((&(value, told), p), change))| {
-            let change = match (told, times * change) {
-                (false, _) => 0.0,
-                (true, change) if k == YOUNG => stiffness_change(change),
-                (true, change) => change,
-            };
-            (value + change).clamp(p.low, p.high)
-        })
-        .collect()
+    let step = told
+        .iter()
+        .zip(change)
+        .map(|(&told, change)| if told { times * change } else { 0.0 });
+    moved(&theta, step, info, true)
 }
 
 #[cfg(test)]

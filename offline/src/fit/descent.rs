@@ -95,7 +95,7 @@ const FIRST_DAMPING: f64 = 1e-3;
 const LEAST_FIRST_DAMPING: f64 = 1e-9;
 /// Share of what an undamped first step promises that a damped one promises at least.
 const LEAST_PROMISED: f64 = 0.5;
-/// And by how much it grows where that does not lower the cost.
+/// By how much the damping grows where a descent's first step does not lower the cost.
 const FIRST_GROWTH: f64 = 2.0;
 /// Damping up to which a step promises what an undamped one does.
 const LITTLE_DAMPING: f64 = 0.01;
@@ -175,12 +175,9 @@ impl<'a> Descent<'a> {
         theta: &[f64],
         held: Vec<bool>,
     ) -> Result<Self, FitError> {
-        let mut first = Self {
-            held,
-            ..Self::at(problem, structure, theta)?
-        };
-        first.damp_first();
-        Ok(first)
+        let here = problem.settled(structure, theta)?;
+        let start = here.traced(structure, theta, &vec![false; theta.len()])?;
+        Ok(Self::begun(here, structure, start, held))
     }
 
     /// At the first of some starts that costs less than `below`, or at the best of them where none does.
@@ -218,8 +215,14 @@ impl<'a> Descent<'a> {
     /// The start cannot be simulated, or too little was measured there.
     pub(super) fn of(here: Problem<'a>, structure: &Structure, theta: &[f64]) -> Result<Self, FitError> {
         let start = here.traced(structure, theta, &vec![false; theta.len()])?;
+        let held = not_told(&here, structure, &start.evaluation);
+        Ok(Self::begun(here, structure, start, held))
+    }
+
+    /// Before the first step from where a settled problem was traced.
+    fn begun(here: Problem<'a>, structure: &Structure, start: Traced, held: Vec<bool>) -> Self {
         let mut first = Self {
-            held: not_told(&here, structure, &start.evaluation),
+            held,
             cost: total_cost(&start.evaluation, &structure.parameters()),
             here,
             structure: structure.clone(),
@@ -232,7 +235,7 @@ impl<'a> Descent<'a> {
             prior_weight: 1.0,
         };
         first.damp_first();
-        Ok(first)
+        first
     }
 
     /// Whether it came to rest, or had as many evaluations as this without.
@@ -259,7 +262,8 @@ impl<'a> Descent<'a> {
     /// a hundredth of a step, whose promise is lost in rounding.
     fn damp_first(&mut self) {
         let info = self.info(self.prior_weight);
-        let promise = |damping: f64| self.damped(damping, &info).1;
+        let equations = cost_equations(&self.best.evaluation, &info);
+        let promise = |damping: f64| self.damped(damping, &equations, &info).1;
         let enough = LEAST_PROMISED * promise(0.0);
         let mut damping = FIRST_DAMPING;
         while damping > LEAST_FIRST_DAMPING && promise(damping) < enough {
@@ -373,16 +377,22 @@ impl<'a> Descent<'a> {
 
     /// That step, what it promises, and the Hessian.
     fn step(&self, info: &[ParameterInfo]) -> (DVector<f64>, f64, DMatrix<f64>) {
-        self.damped(self.damping, info)
+        let equations = cost_equations(&self.best.evaluation, info);
+        let (step, predicted) = self.damped(self.damping, &equations, info);
+        (step, predicted, equations.0)
     }
 
-    /// The same so damped.
-    fn damped(&self, damping: f64, info: &[ParameterInfo]) -> (DVector<f64>, f64, DMatrix<f64>) {
-        let (hessian, gradient) = cost_equations(&self.best.evaluation, info);
+    /// The step of a Hessian and gradient so damped, and what it promises.
+    fn damped(
+        &self,
+        damping: f64,
+        (hessian, gradient): &(DMatrix<f64>, DVector<f64>),
+        info: &[ParameterInfo],
+    ) -> (DVector<f64>, f64) {
         let place = (&self.best.evaluation.theta[..], &self.held[..]);
-        let step = damped_step((&hessian, &gradient), damping, place, info);
-        let predicted = -(gradient.dot(&step) + 0.5 * (&hessian * &step).dot(&step));
-        (step, predicted, hessian)
+        let step = damped_step((hessian, gradient), damping, place, info);
+        let predicted = -(gradient.dot(&step) + 0.5 * (hessian * &step).dot(&step));
+        (step, predicted)
     }
 
     /// The parameters with a prior that is so many times narrower.
@@ -447,7 +457,13 @@ impl<'a> Descent<'a> {
         hessian: &DMatrix<f64>,
         info: &[ParameterInfo],
     ) -> bool {
-        let trial = moved(&self.best.evaluation.theta, step, info);
+        let with_effect = !self.structure.effects.is_empty();
+        let trial = moved(
+            &self.best.evaluation.theta,
+            step.iter().copied(),
+            info,
+            with_effect,
+        );
         // A trial that cannot be simulated is a step too far.
         let Ok(there) = self.here.settled(&self.structure, &trial) else {
             return false;

@@ -27,5 +27,5 @@ pub use profile::{LEVEL, Profile, profiles};
 pub use push::{KNOTS, Pushes};
 pub use share::FrameShare;
 pub use solver::{FitOptions, fit, fit_and_tell, fit_from, fit_starts};
-pub use step::stiffness_change;
+pub use step::moved;
 pub use uncertainty::{STIFFNESS_ACCURACY, YOUNG, covariance, estimates, estimates_within, shift_by, tells};

@@ -1,7 +1,7 @@
 //! One step of a descent: how far it goes under a damping, where it leads, and whether it is small.
 
 use super::uncertainty::YOUNG;
-use crate::model::{ParameterInfo, Structure};
+use crate::model::ParameterInfo;
 use nalgebra::{DMatrix, DVector};
 
 /// A step smaller than this share of every standard error is small.
@@ -10,19 +10,23 @@ pub(super) const STEP_TOLERANCE: f64 = 0.1;
 /// How ln E changes by a step that changes E itself by so large a share of it, be that more than all of it. Loads and
 /// stiffness grow in proportion: a rope with more to carry is stiffer, one that bends so much more stiffly than it stretches
 /// softer. To first order it is the same.
-pub fn stiffness_change(share: f64) -> f64 {
+fn stiffness_change(share: f64) -> f64 {
     share.signum() * share.abs().ln_1p()
 }
 
-/// θ after a step, inside its bounds. With an effect the stiffness goes by [`stiffness_change`]: along the valley of a
-/// bending ratio, where E falls as it grows, the line along its slope leaves the valley by 2 mm where the ratio is 1.3, and
-/// this by nothing.
-pub(super) fn moved(theta: &[f64], step: &DVector<f64>, info: &[ParameterInfo]) -> Vec<f64> {
-    let base = theta.len() == Structure::default().parameters().len();
-    let entries = theta.iter().zip(step.iter()).zip(info).enumerate();
+/// θ after a step, inside its bounds. Where it is one with an effect the stiffness goes in proportion, as loads do: along
+/// the valley of a bending ratio, where E falls as it grows, the line along its slope leaves the valley by 2 mm where the
+/// ratio is 1.3, and this by nothing.
+pub fn moved(
+    theta: &[f64],
+    step: impl Iterator<Item = f64>,
+    info: &[ParameterInfo],
+    with_effect: bool,
+) -> Vec<f64> {
+    let entries = theta.iter().zip(step).zip(info).enumerate();
     entries
-        .map(|(k, ((&value, &change), p))| {
-            let change = if k == YOUNG && !base {
+        .map(|(k, ((&value, change), p))| {
+            let change = if k == YOUNG && with_effect {
                 stiffness_change(change)
             } else {
                 change
@@ -93,6 +97,7 @@ pub(super) fn is_small(step: &DVector<f64>, hessian: &DMatrix<f64>, misfit: f64)
 mod tests {
     use super::*;
     use crate::effects;
+    use crate::model::Structure;
 
     /// What bends is E (1 + c + ratio - 1), with c of what the grid adds.
     #[test]
@@ -103,7 +108,7 @@ mod tests {
         let start = [2e6_f64.ln(), 0.3, 1.0];
         for change in [0.01, 0.3, 3.0] {
             let slope = -change / (start[2] + grid);
-            let there = moved(&start, &DVector::from_column_slice(&[slope, 0.0, change]), &info);
+            let there = moved(&start, [slope, 0.0, change].into_iter(), &info, true);
             assert_eq!(there[2], 1.0 + change);
             assert!(
                 (bending(&there) / bending(&start) - 1.0).abs() < 1e-12,
@@ -115,11 +120,7 @@ mod tests {
     #[test]
     fn without_an_effect_the_logarithm_of_the_stiffness_goes_straight() {
         let info = Structure::default().parameters();
-        let there = moved(
-            &[1e6_f64.ln(), 0.3],
-            &DVector::from_column_slice(&[1.0, 0.0]),
-            &info,
-        );
+        let there = moved(&[1e6_f64.ln(), 0.3], [1.0, 0.0].into_iter(), &info, false);
         assert!((there[YOUNG] - 1e6_f64.ln() - 1.0).abs() < 1e-12 && there[1] == 0.3);
     }
 }

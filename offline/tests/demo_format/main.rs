@@ -267,29 +267,35 @@ fn a_binary_cloud_with_nan_is_refused() {
 }
 
 /// Replaces a cloud by text and expects a refusal at a place in it.
-fn cloud_refused(text: &'static str, line: &str, why: &str) {
+fn cloud_refused(text: &str, line: &str, why: &str) {
     let spoil = |dir: &Path| fs::write(dir.join("clouds/0001.ply"), text).expect("the folder is writable");
     refused(&cloud_demo(), spoil, &format!("clouds/0001.ply{line}"), why);
 }
 
 const HEADER: &str = "ply\nformat ascii 1.0\n";
 
+/// A cloud in ASCII that says it has so many points, and these.
+fn text_cloud(vertices: usize, points: &str) -> String {
+    let axes = "property float x\nproperty float y\nproperty float z\n";
+    format!("{HEADER}element vertex {vertices}\n{axes}end_header\n{points}")
+}
+
 #[test]
 fn a_truncated_text_cloud_is_refused() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1 1\n";
-    cloud_refused(text, "", "ends before");
+    let text = text_cloud(3, "0 0 0\n1 1 1\n");
+    cloud_refused(&text, "", "ends before");
 }
 
 #[test]
 fn a_cloud_with_more_points_than_its_header_says_is_refused() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1 1\n";
-    cloud_refused(text, "", "data follow");
+    let text = text_cloud(1, "0 0 0\n1 1 1\n");
+    cloud_refused(&text, "", "data follow");
 }
 
 #[test]
 fn an_empty_cloud_is_refused() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-    cloud_refused(text, "", "the cloud is empty (clouds.csv:3)");
+    let text = text_cloud(0, "");
+    cloud_refused(&text, "", "the cloud is empty (clouds.csv:3)");
 }
 
 #[test]
@@ -310,14 +316,14 @@ fn a_cloud_without_vertices_is_refused() {
 
 #[test]
 fn a_cloud_with_nan_is_refused() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 nan 0\n";
-    cloud_refused(text, ":8", "drop points without depth");
+    let text = text_cloud(1, "0 nan 0\n");
+    cloud_refused(&text, ":8", "drop points without depth");
 }
 
 #[test]
 fn a_cloud_in_millimetres_is_refused() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 250 0\n";
-    cloud_refused(text, "", "250 m away");
+    let text = text_cloud(1, "0 250 0\n");
+    cloud_refused(&text, "", "250 m away");
 }
 
 #[test]
