@@ -1,18 +1,18 @@
 //! Which refit of a round is the cause: the likeliest that passes every gate, the finer grid's last.
 
 use super::bench::Bench;
-use super::gates::{Gate, excuse, not_refined, refinement_gate, superfluous, taken_away_mm};
+use super::gates::{Gate, excuse, superfluous};
 use super::memory::KeptModel;
 use super::noise::independent_squares;
+use super::refinement::{not_refined, refine};
 use super::revise::needs_not;
 use super::round::Refit;
 use super::rounds::{LoopOptions, Part};
 use crate::effects;
-use crate::fit::{Descent, Evaluation, FitError, FitResult, Problem, estimates};
+use crate::fit::{Evaluation, FitError, FitResult};
 use crate::model::Structure;
 use crate::residual::ResidualSummary;
 use crate::tell::Tell;
-use nalgebra::DVector;
 
 /// Standard deviation of how a rig was set up, in smallest sizes of interest: a table level to three degrees, cameras
 /// placed to 5 mm and one and a half degrees.
@@ -274,55 +274,10 @@ pub(super) fn tie_spread(best: &Evaluation) -> f64 {
     2.0 * (2.0 / squares.max(1.0)).sqrt() * correlation.reduced_chi_square
 }
 
-/// One Gauss-Newton step on the finer grid from an estimate, against the estimate or, where that lies farther off, such a
-/// step on the fit's own grid without its refinement, judged for every effect that a model was extended by; `before` is what
-/// was left without them. The prior is as heavy as it was on the fit's grid: damping beside a lag was held there at half of
-/// what the offsets said, and without that prior the finer grid alone said it all.
-fn refine(
-    bench: &Bench,
-    model: &Standing,
-    added: &[String],
-    before: &ResidualSummary,
-) -> Result<Vec<Gate>, FitError> {
-    let (structure, fitted) = (&model.structure, &model.fitted);
-    let step = |grid: &Problem| -> Result<DVector<f64>, FitError> {
-        let there = Descent::at(grid, structure, &fitted.best.theta)?;
-        Ok(there.under(fitted.prior_weight).next_step())
-    };
-    let [own, finer] = [step(&bench.fit.unrefined())?, step(&bench.finer)?];
-    let all = estimates(&fitted.best, structure);
-    let explained_mm = taken_away_mm(before, &model.left);
-    let gate = |effect: usize| {
-        let spec = &effects::ALL[effect];
-        let entries = structure.entries(effect);
-        let slopes = fitted.best.jacobian.columns(entries.start, entries.len());
-        let size = fitted.best.theta[entries.clone()].iter().zip(spec.parameters);
-        let here = DVector::from_iterator(entries.len(), size.map(|(t, p)| t - p.vanishes_at));
-        let [own, fine] = [&own, &finer].map(|step| &here + step.rows(entries.start, entries.len()));
-        let errors: Vec<f64> = all[entries].iter().map(|e| e.standard_error).collect();
-        let apart_mm = |value: &DVector<f64>| {
-            let apart = slopes * (&fine - value);
-            1e3 * apart.norm() / (apart.len() as f64).sqrt()
-        };
-        let coarse = if apart_mm(&own) > apart_mm(&here) {
-            own
-        } else {
-            here
-        };
-        refinement_gate(
-            spec.id,
-            [coarse.as_slice(), fine.as_slice(), &errors],
-            [apart_mm(&coarse), explained_mm],
-        )
-    };
-    let last = structure.effects.len() - added.len();
-    Ok(structure.effects[last..].iter().copied().map(gate).collect())
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::conclude::tests::fitted;
-    use super::super::revise::tests::{YOUNG_PA, base, options, passed, recorded, with};
+    use super::super::revise::tests::{base, options, passed, recorded, with};
     use super::*;
     use crate::bench_diagnosis::reality::part;
     use crate::fit::Correlation;
@@ -399,28 +354,6 @@ pub(super) mod tests {
             [false, false],
             "nothing may be missing"
         );
-    }
-
-    /// Seen on the benchmark: the prior held damping beside a lag at 0.055 s, where the finer grid, asked without it, said
-    /// 0.106 s and damping was no cause.
-    #[test]
-    fn a_finer_grid_is_asked_with_the_prior_that_held_the_estimate() {
-        let demos = recorded(&[part("internal_damping", 60.0), part("gripper_lag", 7.0)]);
-        let bench = Bench::new(&[&demos[0]], &[&demos[1]], &options()).unwrap();
-        let before = base(&bench);
-        let damping = effects::find("internal_damping").unwrap();
-        let structure = Structure::default().with(damping);
-        let free = Descent::at(&bench.fit, &structure, &[YOUNG_PA.ln(), 0.3, 0.05])
-            .unwrap()
-            .run(10);
-        let free_s = free.best().theta[2];
-        let model = Standing::of(&bench, structure, free.shrunk(8, f64::INFINITY).finish()).unwrap();
-        let held_s = model.fitted.best.theta[2];
-        assert!(held_s < 0.8 * free_s, "{held_s} of {free_s}");
-        let unheld = Descent::at(&bench.finer, &model.structure, &model.fitted.best.theta).unwrap();
-        assert!(unheld.next_step()[2] > 0.2 * held_s, "asked without it");
-        let gates = refine(&bench, &model, &["internal_damping".to_owned()], &before.left).unwrap();
-        assert!(gates.iter().all(|gate| gate.passed), "{gates:?}");
     }
 
     /// What ties is named beside the cause as what may be it: the finer grid has to bear it out as well.

@@ -5,7 +5,6 @@ use super::round::Refit;
 use super::rounds::LoopOptions;
 use super::score::Subset;
 use crate::effects::{self, EffectSpec};
-use crate::fit::FitError;
 use crate::model::{Estimate, Structure, effect_parameters};
 use crate::residual::ResidualSummary;
 use serde::{Deserialize, Serialize};
@@ -22,22 +21,13 @@ pub struct Gate {
 }
 
 impl Gate {
-    fn new(name: &str, passed: bool, detail: String) -> Self {
+    pub(super) fn new(name: &str, passed: bool, detail: String) -> Self {
         Self {
             name: name.into(),
             passed,
             detail,
         }
     }
-}
-
-/// The gate of effects that could not be asked for on the finer grid.
-pub(super) fn not_refined(error: &FitError) -> Gate {
-    Gate::new(
-        "grid refinement",
-        false,
-        format!("the finer grid could not be simulated: {error}"),
-    )
 }
 
 /// The gate of a refit that was not followed to its end.
@@ -291,32 +281,6 @@ pub(super) fn superfluous(not_needed: &[String]) -> Gate {
 pub(super) fn clear_of_nothing(spec: &EffectSpec, estimates: &[Estimate]) -> bool {
     let mut pairs = spec.parameters.iter().zip(estimates);
     pairs.any(|(p, e)| (e.value - p.vanishes_at).abs() > 2.0 * e.standard_error)
-}
-
-/// The estimate must be the same on a finer grid: an artefact of the grid shrinks with it. Where an effect saturates,
-/// as a clamp that gives so much that it is a hinge, very different values do the same: then what counts is how far
-/// they move the rope, `apart_mm`, against what the effect explains, `explained_mm`.
-pub(super) fn refinement_gate(
-    id: &str,
-    [coarse, fine, noise_se]: [&[f64]; 3],
-    [apart_mm, explained_mm]: [f64; 2],
-) -> Gate {
-    const TOLERANCE: f64 = 0.2;
-    let lead = (0..coarse.len())
-        .max_by(|&a, &b| (coarse[a].abs() / noise_se[a]).total_cmp(&(coarse[b].abs() / noise_se[b])))
-        .unwrap_or(0);
-    let change = (fine[lead] - coarse[lead]).abs() / coarse[lead].abs().max(f64::MIN_POSITIVE);
-    Gate::new(
-        "grid refinement",
-        change <= TOLERANCE || apart_mm <= TOLERANCE * explained_mm,
-        format!(
-            "{id}: {:.4} on the fit's grid, {:.4} on a finer one, {:.0} % apart, which moves the rope by \
-             {apart_mm:.2} mm; {explained_mm:.2} mm are explained",
-            coarse[lead],
-            fine[lead],
-            100.0 * change
-        ),
-    )
 }
 
 #[cfg(test)]

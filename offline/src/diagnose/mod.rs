@@ -11,10 +11,11 @@
 //! error that is left, plus noise. So discretisation cannot pass for physics.
 //!
 //! Every model predicts as a finer grid does (`bench.rs`): near a model in hand by the fit's own grid and the difference of
-//! the two there, and once a model is found it is followed to where that difference, taken anew, has it.
+//! the two there, and once a model is found it is followed to where that difference, taken anew, has it. What is accepted has
+//! the same size on both grids, or on the finer one and one finer still (`refinement.rs`).
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 21;
+pub const REVISION: u32 = 22;
 
 mod accounted;
 mod added;
@@ -29,6 +30,7 @@ mod leaner;
 mod memory;
 mod next;
 mod noise;
+mod refinement;
 mod refits;
 mod revise;
 mod rivals;
