@@ -115,14 +115,9 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// What is fitted, on a grid that is as much finer than the finer one as that is than the fit's, with ropes at rest near
-    /// those of a model.
-    ///
-    /// # Errors
-    /// No rest state was found.
-    pub(super) fn finest(&self, structure: &Structure, theta: &[f64]) -> Result<Problem<'a>, FitError> {
-        let finest = self.finer.on(self.finer_grid.finer());
-        finest.settled_near(&self.finer, structure, theta)
+    /// What is fitted, on a grid that is as much finer than the finer one as that is than the fit's.
+    pub(super) fn finest(&self) -> Problem<'a> {
+        self.finer.on(self.finer_grid.finer())
     }
 
     /// As [`Noise::slight_doubt`] says of what a fit leaves.

@@ -5,6 +5,7 @@ use super::choice::Standing;
 use super::gates::{Gate, taken_away_mm};
 use crate::effects;
 use crate::fit::{Descent, FitError, Problem, estimates};
+use crate::model::Estimate;
 use crate::residual::ResidualSummary;
 use crate::words::significant;
 use nalgebra::DVector;
@@ -42,11 +43,12 @@ pub(super) fn refine(
 ) -> Result<Vec<Gate>, FitError> {
     let asked = Asked {
         model,
+        estimates: estimates(&model.fitted.best, &model.structure),
         explained_mm: taken_away_mm(before, &model.left),
     };
-    let (structure, theta) = (&model.structure, &model.fitted.best.theta);
-    let effects = &structure.effects[structure.effects.len() - added.len()..];
-    let here = DVector::zeros(theta.len());
+    let effects = &model.structure.effects;
+    let effects = &effects[effects.len() - added.len()..];
+    let here = DVector::zeros(asked.estimates.len());
     let [own, finer] = [asked.step(&bench.fit.unrefined())?, asked.step(&bench.finer)?];
     let first = |&effect: &usize| {
         let [stays, steps] = [&here, &own].map(|step| asked.compare(effect, [step, &finer]));
@@ -59,9 +61,8 @@ pub(super) fn refine(
     let first: Vec<Compared> = effects.iter().map(first).collect();
     let in_doubt = first.iter().any(Compared::is_in_doubt);
     // Where a grid finer still cannot be had, the doubt stays.
-    let finest = in_doubt.then(|| bench.finest(structure, theta).and_then(|grid| asked.step(&grid)));
-    let finest = finest.and_then(Result::ok);
-    let gate = |(&effect, first): (&usize, &Compared)| {
+    let finest = in_doubt.then(|| asked.step(&bench.finest()).ok()).flatten();
+    let judged = |(&effect, first): (&usize, &Compared)| {
         let id = effects::ALL[effect].id;
         let detail = format!(
             "{id} on the fit's grid and a finer one: {first}; {:.2} mm are explained",
@@ -76,12 +77,14 @@ pub(super) fn refine(
             _ => gate(first.stays(), detail),
         }
     };
-    Ok(effects.iter().zip(&first).map(gate).collect())
+    Ok(effects.iter().zip(&first).map(judged).collect())
 }
 
 /// What is asked of grids.
 struct Asked<'m> {
     model: &'m Standing,
+    /// Its parameters.
+    estimates: Vec<Estimate>,
     /// What the effects in question take away, mm.
     explained_mm: f64,
 }
@@ -103,7 +106,6 @@ impl Asked<'_> {
             structure, fitted, ..
         } = self.model;
         let entries = structure.entries(effect);
-        let estimates = estimates(&fitted.best, structure);
         let parameters = effects::ALL[effect].parameters.iter();
         let here = entries
             .clone()
@@ -111,7 +113,7 @@ impl Asked<'_> {
             .map(|(k, p)| fitted.best.theta[k] - p.vanishes_at);
         let here = DVector::from_iterator(entries.len(), here);
         let [coarse, fine] = steps.map(|step| &here + step.rows(entries.start, entries.len()));
-        let clearness = |k: usize| coarse[k].abs() / estimates[entries.start + k].standard_error;
+        let clearness = |k: usize| coarse[k].abs() / self.estimates[entries.start + k].standard_error;
         let lead = (0..entries.len()).max_by(|&a, &b| clearness(a).total_cmp(&clearness(b)));
         let lead = lead.unwrap_or(0);
         let slopes = fitted.best.jacobian.columns(entries.start, entries.len());
