@@ -132,7 +132,7 @@ pub(super) fn statistical_gates(
         ),
         physical_value(candidate.effects(), &refit.parameters),
         off_nothing(free, [fit_before, &refit.fit], [held_before, &refit.held_out]),
-        explained_share("explained share", "fitted", [fit_before, &refit.fit]),
+        explained_share(EXPLAINED_SHARE, "fitted", [fit_before, &refit.fit]),
         explained_share(
             "explained share, held out",
             "held out",
@@ -157,19 +157,30 @@ pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &Loop
 
 /// Name of the gate that asks whether anything is missing.
 const SIGNIFICANT: &str = "significant";
+/// Name of the gate that asks how much of what is left where fitted a refit explains.
+const EXPLAINED_SHARE: &str = "explained share";
 
 /// Passes the gate of significance for a refit that failed no other: another effect has shown that something is missing.
-pub(super) fn excuse(refit: &mut Refit, significant: &[String]) {
+/// Where what is left where fitted is `only_numerical`, the simulation's own error, it passes for the share of that too.
+pub(super) fn excuse(refit: &mut Refit, shown_by: &[String], only_numerical: bool) {
+    let may_fail = |gate: &Gate| match gate.name.as_str() {
+        SIGNIFICANT => true,
+        EXPLAINED_SHARE => only_numerical,
+        _ => false,
+    };
     let failed = refit.gates.iter_mut().filter(|gate| !gate.passed);
     let failed: Vec<&mut Gate> = failed.collect();
-    if failed.iter().any(|gate| gate.name != SIGNIFICANT) {
+    if !failed.iter().all(|gate| may_fail(gate)) {
         return;
     }
     for gate in failed {
         gate.passed = true;
+        if gate.name == EXPLAINED_SHARE {
+            gate.detail += ", which is no more than the simulation's own error";
+        }
         gate.detail += &format!(
             "; that something is missing {} has shown",
-            effects::together(significant)
+            effects::together(shown_by)
         );
     }
     refit.passed = true;

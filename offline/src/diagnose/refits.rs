@@ -1,6 +1,6 @@
 //! The full refits of a round, with one more effect or several: the likely ones first, the hopeless ones given up early.
 
-use super::accounted::{NEARLY_ALL_HELD_OUT, explains};
+use super::accounted::{NEARLY_ALL_HELD_OUT, excess_mm, explains};
 use super::batch::{Batch, Failures, batches};
 use super::bench::Bench;
 use super::choice::{Standing, Tried};
@@ -207,6 +207,12 @@ impl<'a> Refits<'a> {
             && explains(&self.now.left, fitted, doubt, numerical_mm)
             && excess_removed(&self.now.held, &refit.held_out, numerical_mm)
                 .is_none_or(|share| share >= NEARLY_ALL_HELD_OUT)
+    }
+
+    /// Whether what the model leaves where fitted is no more than the simulation's own error.
+    pub(super) fn only_numerical(&self) -> bool {
+        let doubt = self.bench.doubt(&self.now.fitted.best);
+        excess_mm(&self.now.left, doubt) <= self.table.discretisation_mm
     }
 
     /// Cost of which a refit has to promise to come near: a multiple of the least of its rivals, and one at which its effects

@@ -151,7 +151,10 @@ fn refitted(
     progress: &dyn Tell,
 ) -> Choice {
     let candidates = Refits::new(bench, now, table, options);
-    let mut choice = Choice::default();
+    let mut choice = Choice {
+        only_numerical: candidates.only_numerical(),
+        ..Choice::default()
+    };
     choice.among(bench, now, candidates.leading(progress), options, progress);
     if choice.accepted.is_none() {
         let others = candidates.others(&choice.refits, progress);
