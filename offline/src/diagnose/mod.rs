@@ -20,6 +20,7 @@ pub const REVISION: u32 = 23;
 mod accounted;
 mod added;
 mod again;
+mod against;
 mod batch;
 mod bench;
 mod choice;
