@@ -183,11 +183,12 @@ fn explained(facts: &Facts) -> Verdict {
 
 /// What there is to look at where something is left, for people.
 fn what_to_look_at(facts: &Facts) -> String {
-    let clearest = hint(&facts.fitted.best);
-    match against::nearest(facts.rounds) {
-        Some(nearest) => format!("{clearest}; {nearest}"),
-        None => clearest,
-    }
+    let parts = [
+        Some(hint(&facts.fitted.best)),
+        against::nearest(facts.rounds),
+        against::no_judge(facts),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
 /// Where and when the residual is largest against its standard error: one that the cameras hardly see is large
@@ -293,7 +294,7 @@ pub(super) mod tests {
     }
 
     /// The same of one that leaves something else where held out, where its parameters may be off by `uncertain_mm`.
-    fn judged(
+    pub fn judged(
         structure: &Structure,
         [before_m, after_m]: [f64; 2],
         held_out_m: [f64; 2],
