@@ -10,7 +10,7 @@ use crate::words::{significant, with_unit};
 /// Why what explains all that was fitted is not the cause, for people; nothing where nothing speaks against it.
 pub(super) fn hint(facts: &Facts) -> Option<String> {
     let ends = facts.structure.effects_at_an_end(&facts.fitted.best.theta);
-    let left = (!facts.held_out.foreseen()).then(|| facts.held_out.in_words());
+    let left = (!facts.foreseen()).then(|| facts.held_out.in_words(facts.may_be_nothing()));
     let against = left
         .or_else(|| at_an_end(facts, &ends))
         .or_else(|| not_the_same(facts))?;
@@ -51,7 +51,7 @@ pub(super) fn nearest(rounds: &[Round]) -> Option<String> {
 pub(super) fn no_judge(facts: &Facts) -> Option<String> {
     let judged = facts.rounds.last().is_some_and(|round| !round.refits.is_empty());
     let base = facts.structure.effects.is_empty();
-    let shows_nothing = facts.held_out.foreseen() && !facts.held_out.of_the_same;
+    let shows_nothing = facts.foreseen() && !facts.held_out.of_the_same;
     (base && judged && shows_nothing).then(|| {
         "where held out nothing is missing, so that no effect can show itself there: without --held-out, parts of \
          what is fitted judge"
@@ -107,8 +107,9 @@ fn not_the_same(facts: &Facts) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::tests::{fruitless_round, judged};
+    use super::super::conclude::tests::{fitted, fruitless_round, hint_of, judged, judged_at};
     use super::super::gates::Gate;
+    use super::super::verdict::{ReasonCode, Verdict};
     use super::*;
     use crate::model::Structure;
 
@@ -141,5 +142,73 @@ mod tests {
             said.to_string().contains("without --held-out")
         };
         assert_eq!([1e-3, 2e-3].map(told), [true, false]);
+    }
+
+    /// What is said of a model that leaves so much where held out, before and after.
+    fn said_of(
+        structure: &Structure,
+        mass_kg: Option<f64>,
+        held_out_mm: [f64; 2],
+        uncertain_mm: f64,
+    ) -> Verdict {
+        let mut after = fitted(structure, 1e-3);
+        let before_m = if let Some(mass_kg) = mass_kg {
+            after.best.theta[2] = mass_kg;
+            // What no other parameter does.
+            for (k, slope) in after.best.jacobian.column_mut(2).iter_mut().enumerate() {
+                *slope = if k % 4 < 2 { 0.1 } else { -0.1 };
+            }
+            5e-3
+        } else {
+            1e-3
+        };
+        let held_out_m = held_out_mm.map(|mm| 1e-3 * mm);
+        let (said, reasons) = judged_at(
+            (structure, &after),
+            before_m,
+            held_out_m,
+            uncertain_mm,
+            (0.5, &[], &[]),
+        );
+        let warned = reasons.contains(&ReasonCode::HeldOutLeft);
+        assert_eq!(warned, matches!(said, Verdict::Unexplained { .. }), "{said}");
+        said
+    }
+
+    /// A model that is right in one motion alone is not right, whether effects made it so or it lacks nothing there.
+    #[test]
+    fn what_is_left_where_held_out_is_not_explained() {
+        let said = said_of(&Structure::default(), None, [8.0; 2], 0.0);
+        assert!(
+            hint_of(&said).contains("8.0 mm are left (8.0 noise floors)"),
+            "{said}"
+        );
+        let one = Structure::of_ids(&["tip_mass".to_owned()]);
+        let with = |held_out_mm, uncertain_mm| said_of(&one, Some(0.3), held_out_mm, uncertain_mm);
+        let said = with([8.0, 5.0], 0.0);
+        assert!(
+            hint_of(&said).starts_with("tip_mass would explain what was fitted, but"),
+            "{said}"
+        );
+        let explained = |said| matches!(said, Verdict::Explained { .. });
+        assert!(explained(with([8.0, 1.04], 0.0)));
+        // Of 8 mm a tenth of the square is 2.7.
+        assert!(explained(with([8.0, 2.6], 0.0)));
+        // 1.7 mm over noise of 1 mm are left of 3: as the parameters' errors let expect, or not.
+        assert!(explained(with([3.0, 2.0], 0.9)));
+        hint_of(&with([3.0, 2.0], 0.5));
+    }
+
+    /// Seen on the benchmark, for a jet: drag whose three coefficients might each have been none.
+    #[test]
+    fn the_errors_within_which_an_effect_may_be_nothing_excuse_nothing() {
+        let one = Structure::of_ids(&["tip_mass".to_owned()]);
+        let said = said_of(&one, Some(0.0), [3.0, 2.0], 0.9);
+        assert!(
+            hint_of(&said).contains("one of its effects may be nothing"),
+            "{said}"
+        );
+        let said = said_of(&one, Some(0.0), [3.0, 1.1], 0.9);
+        assert!(matches!(said, Verdict::Explained { .. }), "{said}");
     }
 }
