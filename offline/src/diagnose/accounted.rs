@@ -61,15 +61,20 @@ impl HeldOut {
     /// parameters may be off by, or next to nothing of what the base model leaves. A stand-in that follows one motion
     /// does not follow another.
     ///
-    /// Standard errors within which an effect `may_be_nothing` excuse nothing. Drag whose every coefficient might have been
-    /// none stood in for a jet, and was so unsure that it might have foreseen whatever came.
+    /// An effect that `may_be_nothing` within its standard errors is excused by nothing: what its size does not show what it
+    /// foresees has to. Drag whose every coefficient might have been none stood in for a jet; it took away half of what was
+    /// held out. Friction, as unsure, was the cause, and took away nearly all.
     pub(super) fn foreseen(&self, may_be_nothing: bool) -> bool {
-        let errors = if may_be_nothing { 0.0 } else { ERRORS_ALLOWED };
-        let allowed_mm = self.numerical_mm.hypot(errors * self.uncertain_mm);
+        let excused = if may_be_nothing {
+            [0.0; 2]
+        } else {
+            let errors_mm = ERRORS_ALLOWED * self.uncertain_mm;
+            [self.numerical_mm, self.numerical_mm.hypot(errors_mm)]
+        };
         accounted_for(
             [&self.before, &self.after],
             self.doubt,
-            [self.numerical_mm, allowed_mm],
+            excused,
             NEARLY_ALL_HELD_OUT,
         )
     }
@@ -77,7 +82,7 @@ impl HeldOut {
     /// What is left there that is not foreseen, for people.
     pub(super) fn in_words(&self, may_be_nothing: bool) -> String {
         let known = if may_be_nothing {
-            "noise and the simulation's own error amount to, and within the standard errors one of its effects may be nothing"
+            "noise and a tenth of the excess amount to, and one of these effects may be nothing within its standard errors"
         } else {
             "noise, the simulation's own error and the parameters' standard errors amount to"
         };

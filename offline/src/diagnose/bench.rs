@@ -92,12 +92,12 @@ impl<'a> Bench<'a> {
         }
         let held_out = || self.held_out.refined(self.finer_grid, structure, theta);
         let fit = || self.fit.refined(self.finer_grid, structure, theta);
-        let (fit, held_out) = if self.fit.frames == FrameShare::All {
-            rayon::join(fit, held_out)
-        } else {
+        let (fit, held_out) = if self.judges_itself() {
             let held_out = held_out();
             let same = |whole: &Problem| Ok(self.fit.refined_as(whole));
             (held_out.as_ref().map_or_else(|_| fit(), same), held_out)
+        } else {
+            rayon::join(fit, held_out)
         };
         Ok(Self {
             fit: fit?,
@@ -144,13 +144,18 @@ impl<'a> Bench<'a> {
             doubt: self.doubt(after),
             numerical_mm,
             uncertain_mm,
-            of_the_same: self.fit.frames != FrameShare::All,
+            of_the_same: self.judges_itself(),
         }
+    }
+
+    /// Whether parts of what is fitted judge, and no other recording.
+    pub(super) fn judges_itself(&self) -> bool {
+        self.fit.frames != FrameShare::All
     }
 
     /// Whether the recording that is fitted judges too, and a model foresees what that part shows, but for noise and the
     /// simulation's own error. That is the same wherever one motion is seen: what imitates it where fitted does where it
-    /// judges, and passes for an effect. Of five ropes of the independent rod that lack nothing, seen as clouds, two were
+    /// judges, and passes for an effect. Of seven ropes of the independent rod that lack nothing, seen as clouds, two were
     /// called bent at rest.
     ///
     /// # Errors
@@ -160,7 +165,7 @@ impl<'a> Bench<'a> {
         structure: &Structure,
         fitted: &FitResult,
     ) -> Result<bool, FitError> {
-        if self.fit.frames == FrameShare::All {
+        if !self.judges_itself() {
             return Ok(false);
         }
         let held_out = self.held_out.residuals(structure, &fitted.best.theta)?;

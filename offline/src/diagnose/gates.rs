@@ -155,6 +155,23 @@ pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &Loop
     )
 }
 
+/// Where what is left may be no more than the simulation's own error, and the motion that is fitted judges, an effect must
+/// take away most of what is left there: the same motion errs alike, so that what imitates the error where fitted takes away
+/// a part of it there too. Of ropes that lack nothing, curvature took away a third and a half; causes of one floor 72 % or more.
+pub(super) fn most_of_the_same(before: &ResidualSummary, after: &ResidualSummary) -> Gate {
+    let share = excess_removed(before, after, 0.0);
+    Gate::new(
+        "explained share, where the same motion judges",
+        share.is_some_and(|share| share >= MOST),
+        format!(
+            "{} of the excess over the noise where held out, of which {:.0} % are asked: what is left where fitted may be \
+             the simulation's own error",
+            share_in_words(share),
+            100.0 * MOST
+        ),
+    )
+}
+
 /// Name of the gate that asks whether anything is missing.
 const SIGNIFICANT: &str = "significant";
 /// Name of the gate that asks how much of what is left where fitted a refit explains.
@@ -378,6 +395,15 @@ mod tests {
         let pair = ["tip_mass", "gripper_lag"];
         assert!(share(&pair[..1], 3.0) && !share(&pair, 3.0));
         assert!(share(&pair, 2.0));
+    }
+
+    /// Seen on the benchmark, by cameras and by markers: curvature in a rope that lacks nothing, and friction of one floor.
+    #[test]
+    fn the_motion_that_is_fitted_shows_most_of_a_slight_cause_where_it_judges() {
+        let passed = |before_mm, after_mm| most_of_the_same(&residual(before_mm), &residual(after_mm)).passed;
+        assert!(!passed(1.76, 1.56));
+        assert!(passed(1.54, 1.06));
+        assert!(!passed(1.0, 1.0), "there is nothing to show");
     }
 
     /// Seen on the benchmark: a soft rope's tilt had a score of 283, its refit took away 965.

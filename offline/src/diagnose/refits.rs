@@ -5,7 +5,8 @@ use super::batch::{Batch, Failures, batches};
 use super::bench::Bench;
 use super::choice::{Standing, Tried};
 use super::gates::{
-    beyond_fewer, excess_removed, explain_their_share, given_up, smallest_share, statistical_gates,
+    beyond_fewer, excess_removed, explain_their_share, given_up, most_of_the_same, smallest_share,
+    statistical_gates,
 };
 use super::round::Refit;
 use super::rounds::{LoopOptions, physical_effects};
@@ -382,6 +383,11 @@ impl<'a> Refits<'a> {
         );
         if let Some(fewer) = batch.fewer(candidate) {
             refit.gates.push(beyond_fewer(fewer, &refit.fit, self.options));
+        }
+        if self.bench.judges_itself() && self.only_numerical() {
+            refit
+                .gates
+                .push(most_of_the_same(&self.now.held, &refit.held_out));
         }
         if fitted.stop == StopReason::GivenUp {
             refit.gates.insert(0, given_up(fitted.evaluations));

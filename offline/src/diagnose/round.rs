@@ -117,9 +117,12 @@ pub(super) fn one_round(
         "{:.2} mm are left where fitted, {left_mm:.2} of them beyond the noise; the simulation's own error there is {:.2} mm",
         now.left.rms_mm, table.discretisation_mm
     ));
-    // The base model's slight effects are asked for all the same where another recording judges: they may be the rope's.
-    let only_numerical = left_mm <= table.discretisation_mm
-        && (!structure.effects.is_empty() || bench.would_err_alike(structure, fitted)?);
+    // A base model's slight effects are asked for where another motion tells, or the noise may be less: they may be the rope's.
+    let only_numerical = if structure.effects.is_empty() {
+        excess_mm(&now.left, 0.0) <= table.discretisation_mm && bench.would_err_alike(structure, fitted)?
+    } else {
+        left_mm <= table.discretisation_mm
+    };
     let choice = if only_numerical {
         Choice::default()
     } else {
