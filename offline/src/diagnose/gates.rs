@@ -157,7 +157,8 @@ pub(super) fn beyond_fewer(fewer: &Refit, left: &ResidualSummary, options: &Loop
 
 /// Where what is left may be no more than the simulation's own error, and the motion that is fitted judges, an effect must
 /// take away most of what is left there: the same motion errs alike, so that what imitates the error where fitted takes away
-/// a part of it there too. Of ropes that lack nothing, curvature took away a third and a half; causes of one floor 72 % or more.
+/// a part of it there too. Of ropes that lack nothing, curvature took away a third and a half; four causes of one
+/// floor that were as slight 72 % or more.
 pub(super) fn most_of_the_same(before: &ResidualSummary, after: &ResidualSummary) -> Gate {
     let share = excess_removed(before, after, 0.0);
     Gate::new(
