@@ -354,7 +354,7 @@ fn other_lines(whole: &[&Answer]) -> Vec<Line> {
             |p| p >= 0.8,
         ),
         number(
-            "one diagnosis, wall time as run, s",
+            "one diagnosis, median wall time as run, s",
             "under 120 s on 2 cores",
             whole.iter().map(|a| a.wall_s).collect(),
             |s| s < 120.0,
