@@ -153,27 +153,6 @@ impl<'a> Bench<'a> {
         self.fit.frames != FrameShare::All
     }
 
-    /// Whether the recording that is fitted judges too, and a model foresees what that part shows, but for noise and the
-    /// simulation's own error. That is the same wherever one motion is seen: what imitates it where fitted does where it
-    /// judges, and passes for an effect. Of seven ropes of the independent rod that lack nothing, seen as clouds, two were
-    /// called bent at rest.
-    ///
-    /// # Errors
-    /// It cannot be simulated.
-    pub(super) fn would_err_alike(
-        &self,
-        structure: &Structure,
-        fitted: &FitResult,
-    ) -> Result<bool, FitError> {
-        if !self.judges_itself() {
-            return Ok(false);
-        }
-        let held_out = self.held_out.residuals(structure, &fitted.best.theta)?;
-        Ok(self
-            .where_held_out([&held_out; 2], (structure, fitted))
-            .foreseen(false))
-    }
-
     /// Root mean squares of what a right model may leave where held out, mm: of the simulation's own error there, without
     /// what its parameters, which follow that error where they are fitted, make of it there; and of what their standard errors
     /// let expect, g Σ gᵀ over the slopes g of all offsets.

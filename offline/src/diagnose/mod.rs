@@ -15,7 +15,7 @@
 //! the same size on both grids, or on the finer one and one finer still (`refinement.rs`).
 
 /// Goes up with every change of what is measured, fitted or concluded: answers on disk are then made anew.
-pub const REVISION: u32 = 25;
+pub const REVISION: u32 = 26;
 
 mod accounted;
 mod added;

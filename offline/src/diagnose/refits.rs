@@ -5,7 +5,7 @@ use super::batch::{Batch, Failures, batches};
 use super::bench::Bench;
 use super::choice::{Standing, Tried};
 use super::gates::{
-    beyond_fewer, excess_removed, explain_their_share, given_up, most_of_the_same, smallest_share,
+    MOST, beyond_fewer, excess_removed, explain_their_share, given_up, most_of_the_same, smallest_share,
     statistical_gates,
 };
 use super::round::Refit;
@@ -385,9 +385,11 @@ impl<'a> Refits<'a> {
             refit.gates.push(beyond_fewer(fewer, &refit.fit, self.options));
         }
         if self.bench.judges_itself() && self.only_numerical() {
-            refit
-                .gates
-                .push(most_of_the_same(&self.now.held, &refit.held_out));
+            // Doubt about the noise may be all that makes it so.
+            let surely = excess_mm(&self.now.left, 0.0) <= self.table.discretisation_mm;
+            let asked = if surely { NEARLY_ALL_HELD_OUT } else { MOST };
+            let gate = most_of_the_same(&self.now.held, &refit.held_out, asked);
+            refit.gates.push(gate);
         }
         if fitted.stop == StopReason::GivenUp {
             refit.gates.insert(0, given_up(fitted.evaluations));

@@ -72,8 +72,7 @@ pub struct Round {
     pub refits: Vec<Refit>,
     /// The effects that were accepted: one, several that pass only together, or none.
     pub accepted: Vec<String>,
-    /// Nothing was refitted, because what the model leaves is no more than the simulation's own error, and it has effects
-    /// already or is judged by the same motion.
+    /// Nothing was refitted, because what the model with its effects leaves is no more than the simulation's own error.
     #[serde(default)]
     pub only_numerical: bool,
     /// Effects of the model at the start that it needs no more beside those that were accepted.
@@ -117,12 +116,8 @@ pub(super) fn one_round(
         "{:.2} mm are left where fitted, {left_mm:.2} of them beyond the noise; the simulation's own error there is {:.2} mm",
         now.left.rms_mm, table.discretisation_mm
     ));
-    // A base model's slight effects are asked for where another motion tells, or the noise may be less: they may be the rope's.
-    let only_numerical = if structure.effects.is_empty() {
-        excess_mm(&now.left, 0.0) <= table.discretisation_mm && bench.would_err_alike(structure, fitted)?
-    } else {
-        left_mm <= table.discretisation_mm
-    };
+    // The base model's slight effects are asked for all the same: they may be the rope's.
+    let only_numerical = !structure.effects.is_empty() && left_mm <= table.discretisation_mm;
     let choice = if only_numerical {
         Choice::default()
     } else {

@@ -260,25 +260,6 @@ mod tests {
         );
     }
 
-    /// A rope that lacks nothing, in the simulation's own error: where the same motion judges, whatever imitates that error in
-    /// one part of it does in the other; another motion tells.
-    #[test]
-    fn nothing_is_refitted_for_what_the_same_motion_would_judge_as_wrongly() {
-        let demos = recorded(&[]);
-        let options = options();
-        let alike = |bench: &Bench, model: &Standing| {
-            let (bench, model) = model.followed(bench).unwrap();
-            bench.would_err_alike(&model.structure, &model.fitted).unwrap()
-        };
-        let [alone, judged] =
-            [&[][..], &[&demos[1]]].map(|held_out| Bench::new(&[&demos[0]], held_out, &options).unwrap());
-        let model = base(&alone);
-        assert!(alike(&alone, &model) && !alike(&judged, &model));
-        let (bench, model) = model.followed(&alone).unwrap();
-        let round = one_round(&bench, &model, &options, &Silent).unwrap().round;
-        assert!(round.only_numerical && round.refits.is_empty());
-    }
-
     /// The rope leans because its table does. Drag was taken for the cause and the tilt passed second; nothing else may be
     /// added to either.
     #[test]
